@@ -1,0 +1,174 @@
+"""Outlines given by points: airfoil `.dat` files, traced shapes, polygons."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from ori_deploy.errors import ProfileError
+from ori_deploy.profiles.naca import chord_crossing
+from ori_deploy.profiles.profile import Points, Profile, Reals, Side, first_self_crossing
+from ori_deploy.tolerance import TOLERANCE
+
+
+class PointOutline(Profile):
+    """A closed outline through points: a polygon, or a smooth spline broken only at corners.
+
+    Parameters
+    ----------
+    points
+        (n, 2) coordinates in chords, counter-clockwise, n >= 3; a repeated last point is dropped.
+        Airfoils start at the trailing edge and run over the upper side first.
+    chord_m
+        Metres per unit of `points`, > 0.
+    smooth
+        A cubic spline between corners (turns above `Tolerance.corner_rad`), or straight sides.
+    """
+
+    def __init__(
+        self, points: ArrayLike, chord_m: float = 1.0, *, smooth: bool = True, resolution: int = 512
+    ) -> None:
+        if not (np.isfinite(chord_m) and chord_m > 0.0):
+            raise ProfileError(
+                "profile: chord_m must be a positive number",
+                value=chord_m,
+                limit="chord_m > 0",
+                remedy="give metres",
+            )
+        z = _clean(points)
+        self.chord_m, self.smooth = float(chord_m), bool(smooth)
+        self._given = z
+        self._check_given(z)
+        z = z * self.chord_m
+        knots = np.append(0.0, np.cumsum(np.abs(np.diff(np.append(z, z[0])))))
+        self._knots = knots
+        self._coefficients = _spline(z, knots) if smooth else _polygon(z, knots)
+        self._nose = float(knots[int(np.argmin(z.real))])
+        super().__init__(knots[-1], knots[:-1], resolution)
+
+    @staticmethod
+    def _check_given(z: Points) -> None:
+        crossing = first_self_crossing(z)
+        if crossing is not None:
+            i, j = crossing
+            raise ProfileError(
+                f"profile: the outline crosses itself: the side after point {i + 1} and the side after point {j + 1}",
+                value=f"({z[i].real:.6g}, {z[i].imag:.6g}) and ({z[j].real:.6g}, {z[j].imag:.6g})",
+                limit="a simple closed curve",
+                remedy="put the points in order round the shape",
+            )
+
+    @property
+    def kind(self) -> str:
+        return "points"
+
+    def describe(self) -> dict[str, object]:
+        points = [[float(p.real), float(p.imag)] for p in self._given]
+        return {"kind": "points", "chord_m": self.chord_m, "smooth": self.smooth, "points": points}
+
+    def at_chord(self, x_chord: float, side: Side) -> float:
+        return chord_crossing(self, x_chord, side, self._nose)
+
+    def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:
+        index = np.clip(np.searchsorted(self._knots, s, side="right") - 1, 0, len(self._knots) - 2)
+        d = s - self._knots[index]
+        c3, c2, c1, c0 = self._coefficients[:, index]
+        f = ((c3 * d + c2) * d + c1) * d + c0
+        if order == 0:
+            return (f,)
+        df = (3.0 * c3 * d + 2.0 * c2) * d + c1
+        return (f, df, 6.0 * c3 * d + 2.0 * c2)[: order + 1]
+
+
+def _clean(points: ArrayLike) -> Points:
+    array = np.asarray(points, dtype=float)
+    if array.ndim != 2 or array.shape[1:] != (2,) or len(array) < 3:
+        raise ProfileError(
+            "profile: too few points",
+            value=f"array of shape {array.shape}",
+            limit="(n, 2) with n >= 3",
+            remedy="add points",
+        )
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise ProfileError(
+            f"profile: point {bad[0] + 1} is not a finite number",
+            value=array[bad[0]].tolist(),
+            limit="finite coordinates",
+            remedy="mend or remove the point",
+        )
+    z = array[:, 0] + 1j * array[:, 1]
+    keep = np.abs(z - np.roll(z, 1)) > 1e-12 * float(np.ptp(array, axis=0).max())
+    z = z[keep]
+    if len(z) < 3:
+        raise ProfileError(
+            "profile: fewer than 3 different points", value=len(z), limit="n >= 3", remedy="add points"
+        )
+    return z
+
+
+def _polygon(z: Points, knots: Reals) -> Points:
+    slope = np.diff(np.append(z, z[0])) / np.diff(knots)
+    zero = np.zeros_like(slope)
+    return np.stack([zero, zero, slope, z])
+
+
+def _spline(z: Points, knots: Reals) -> Points:
+    """Cubic coefficients (4, n) of a spline that is C2 except at corners."""
+    edge = np.diff(np.append(z, z[0]))
+    turn = np.abs(np.angle(edge / np.roll(edge, 1)))
+    corners = np.flatnonzero(turn > TOLERANCE.corner_rad)
+    closed = np.append(z, z[0])
+    if len(corners) == 0:
+        return np.asarray(CubicSpline(knots, closed, bc_type="periodic").c)
+    n = len(z)
+    coefficients = np.empty((4, n), dtype=complex)
+    for start, stop in zip(corners, np.append(corners[1:], corners[0] + n), strict=True):
+        index = np.arange(start, stop + 1)
+        local = knots[index % n] + np.where(index >= n, knots[-1], 0.0)
+        local[-1] = knots[stop] if stop <= n else knots[stop - n] + knots[-1]
+        values = z[index % n]
+        if len(index) == 2:
+            piece = np.stack([0.0, 0.0, (values[1] - values[0]) / (local[1] - local[0]), values[0]])[:, None]
+        else:
+            piece = CubicSpline(local, values, bc_type="not-a-knot" if len(index) > 3 else "natural").c
+        coefficients[:, index[:-1] % n] = piece
+    return coefficients
+
+
+def parse_dat(text: str, source: str = "dat file") -> Reals:
+    """Points of an airfoil coordinate file, (n, 2) in chords, in Selig order.
+
+    Both layouts in use are read: Selig (one loop from the trailing edge over the upper side) and
+    Lednicer (point counts, then the upper and the lower side, each from the nose back).
+
+    Raises
+    ------
+    ProfileError
+        A line that is not two numbers, with its line number.
+    """
+    rows: list[tuple[float, float]] = []
+    blank_after: list[int] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.replace(",", " ").split("#")[0].split()
+        if not words:
+            blank_after.append(len(rows))
+            continue
+        try:
+            x, y = (float(w) for w in words)
+        except ValueError:
+            if not rows:
+                continue  # the name line, one or several
+            raise ProfileError(
+                f"{source}, line {number}: not two numbers",
+                value=repr(line.strip()),
+                limit="x y",
+                remedy="mend the line",
+            ) from None
+        rows.append((x, y))
+    if rows and rows[0][0] > 1.5 and rows[0][1] > 1.5 and sum(rows[0]) == len(rows) - 1:
+        upper = int(rows[0][0])
+        body = np.array(rows[1:])
+        return np.concatenate([body[:upper][::-1], body[upper:]])
+    return np.array(rows, dtype=float).reshape(-1, 2)
