@@ -1,0 +1,127 @@
+"""Timing: how fast the path may be travelled under every crease's limits (toppra)."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import toppra
+import toppra.algorithm
+import toppra.constraint
+from numpy.typing import NDArray
+from toppra.constraint import DiscretizationType
+
+from ori_deploy.errors import MotionError
+from ori_deploy.motion.fourbar import FourBars
+from ori_deploy.motion.plan import CREASES
+from ori_deploy.profiles.profile import Reals
+
+logging.getLogger("toppra").setLevel(logging.WARNING)
+
+_NODES = 401
+
+
+def _nodes() -> Reals:
+    """Folds at which the path is sampled: dense near the flat state, where thin walls make angles turn fast."""
+    even = np.linspace(0.0, 1.0, _NODES)
+    return 0.5 * even + 0.5 * even**3
+
+
+def check_limits(limits: Reals, what: str, cell_ids: tuple[str, ...]) -> None:
+    """Refuse crease limits that are not positive numbers (infinity: unlimited)."""
+    bad = np.argwhere(~(limits > 0.0))
+    if len(bad):
+        cell, k = bad[0]
+        raise MotionError(
+            f"{what} limit of crease {CREASES[k]} of cell {cell_ids[cell]}: not a positive number",
+            value=float(limits[cell, k]),
+            limit="> 0 (inf for none)",
+            remedy="mend the rig file",
+        )
+
+
+def time_path(
+    four_bars: FourBars, velocity: Reals, acceleration: Reals, rate_hz: float
+) -> tuple[Reals, Reals, Reals]:
+    """Time-optimal fold(t) from 0 to 1 with every crease within its limits, at rest at both ends.
+
+    Parameters
+    ----------
+    four_bars
+        Kinematics.
+    velocity, acceleration
+        (n_cells, 4) limits of every crease's angle, rad/s and rad/s2; inf where there is none.
+    rate_hz
+        Sampling rate.
+
+    Returns
+    -------
+    time (n,), fold (n,), fold rate (n,): sampled at the rate; the last sample is at rest at fold 1.
+
+    Raises
+    ------
+    MotionError
+        No crease has a limit, or toppra finds no timing.
+    """
+    limited = np.isfinite(velocity) & np.isfinite(acceleration)
+    if not limited.any():
+        raise MotionError(
+            "limits: no crease has a velocity and an acceleration limit",
+            limit="at least one",
+            remedy="mend the rig",
+        )
+    nodes = _nodes()
+    angles = four_bars.angles(nodes)[:, limited]
+    path = toppra.SplineInterpolator(nodes, angles)
+    top_v, top_a = velocity[limited], acceleration[limited]
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(np.stack([-top_v, top_v], axis=1)),
+        toppra.constraint.JointAccelerationConstraint(
+            np.stack([-top_a, top_a], axis=1), discretization_scheme=DiscretizationType.Interpolation
+        ),
+    ]
+    solver = toppra.algorithm.TOPPRA(constraints, path, gridpoints=nodes, solver_wrapper="seidel")
+    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
+    if speed is None or not np.isfinite(speed).all():
+        raise MotionError(
+            "timing: no motion satisfies the limits",
+            limit="crease velocity and acceleration limits",
+            remedy="raise them",
+        )
+    return _sample(four_bars, nodes, speed, limited, top_v, top_a, rate_hz)
+
+
+def _sample(
+    four_bars: FourBars,
+    nodes: Reals,
+    speed: Reals,
+    limited: NDArray[np.bool_],
+    top_v: Reals,
+    top_a: Reals,
+    rate_hz: float,
+) -> tuple[Reals, Reals, Reals]:
+    """Sample the speed profile uniformly in time; stretch time by what sampling shows above the limits."""
+    spans = 2.0 * np.diff(nodes) / (speed[:-1] + speed[1:])
+    at_node = np.append(0.0, np.cumsum(spans))
+    stretch = 1.0
+    for _ in range(4):
+        duration = at_node[-1] * stretch
+        count = max(int(np.ceil(duration * rate_hz)), 2)
+        # The rate stays as asked and the end falls on a sample: time is stretched by less than one period.
+        stretch = count / rate_hz / at_node[-1]
+        time = np.arange(count + 1) / rate_hz
+        path_time = np.minimum(time / stretch, at_node[-1])
+        k = np.clip(np.searchsorted(at_node, path_time, side="right") - 1, 0, len(spans) - 1)
+        into = path_time - at_node[k]
+        gain = (speed[k + 1] - speed[k]) / spans[k]
+        fold = nodes[k] + speed[k] * into + 0.5 * gain * into * into
+        fold[0], fold[-1] = 0.0, 1.0
+        rate = (speed[k] + gain * into) / stretch
+        angles = four_bars.angles(np.clip(fold, 0.0, 1.0))[:, limited]
+        first = np.diff(angles, axis=0) * rate_hz
+        second = np.diff(first, axis=0) * rate_hz
+        over = max(float((np.abs(first) / top_v).max()), float(np.sqrt((np.abs(second) / top_a).max())))
+        if over <= 1.0 + 1e-9:
+            break
+        stretch *= over * 1.002
+    return time, np.clip(fold, 0.0, 1.0), rate
