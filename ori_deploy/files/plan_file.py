@@ -1,0 +1,113 @@
+"""Plan files (JSON, schema ori-deploy/plan/1): a checked motion, ready to be carried out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ori_deploy.errors import FileError
+from ori_deploy.files.text import read_json, write_atomically
+from ori_deploy.motion import CREASES, MotionCheck, Plan, StepTolerance
+from ori_deploy.motion.plan import DEPLOY_STAGES, STOW_STAGES
+
+PLAN_SCHEMA = "ori-deploy/plan/1"
+
+
+def plan_data(plan: Plan) -> dict[str, Any]:
+    """Everything a plan file holds, as plain data."""
+    steps = plan.step_tolerance
+    return {
+        "schema": PLAN_SCHEMA,
+        "design_name": plan.design_name,
+        "design_sha256": plan.design_sha256,
+        "cell_ids": list(plan.cell_ids),
+        "creases": list(CREASES),
+        "stages": {"deploy": list(DEPLOY_STAGES), "stow": list(STOW_STAGES)},
+        "rate_hz": plan.rate_hz,
+        "duration_s": plan.duration_s,
+        "latch_points": list(plan.latch_points),
+        "step_tolerance": {
+            "lead": steps.lead.tolist(),
+            "spread": steps.spread.tolist(),
+            "smallest": steps.smallest,
+            "seating_fold": steps.seating_fold,
+            "seating_depth_m": steps.seating_depth_m,
+        },
+        "check": asdict(plan.check),
+        "time_s": plan.time_s.tolist(),
+        "fold": plan.fold.tolist(),
+        "crease_angles_rad": plan.crease_angles_rad.tolist(),
+        "crease_rates_rad_s": plan.crease_rates_rad_s.tolist(),
+        "transmission": plan.transmission.tolist(),
+    }
+
+
+def save_plan(plan: Plan, path: Path) -> None:
+    """Write a plan file, whole or not at all."""
+    write_atomically(path, json.dumps(plan_data(plan), allow_nan=False) + "\n")
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a plan file.
+
+    Raises
+    ------
+    FileError
+        Unreadable, entries missing, tables of the wrong shape, numbers that are not finite, or a fold
+        that does not run from 0 to 1.
+    """
+    data = read_json(path, PLAN_SCHEMA)
+    try:
+        plan = _plan(data)
+    except (KeyError, TypeError, ValueError) as wrong:
+        raise FileError(
+            f"{path}: not a whole plan",
+            value=f"{type(wrong).__name__}: {wrong}",
+            remedy="make it again with ori-deploy plan",
+        ) from wrong
+    n, cells = len(plan.time_s), len(plan.cell_ids)
+    for name, table in (
+        ("crease_angles_rad", plan.crease_angles_rad),
+        ("crease_rates_rad_s", plan.crease_rates_rad_s),
+        ("transmission", plan.transmission),
+    ):
+        if table.shape != (n, cells, 4) or not np.isfinite(table).all():
+            raise FileError(
+                f"{path}: {name} is damaged",
+                value=f"shape {table.shape}",
+                limit=f"finite, {(n, cells, 4)}",
+                remedy="make the plan again",
+            )
+    rising = n > 1 and plan.fold.shape == (n,) and plan.fold[0] == 0.0 and plan.fold[-1] == 1.0
+    if not (rising and (np.diff(plan.fold) >= 0.0).all() and (np.diff(plan.time_s) > 0.0).all()):
+        raise FileError(f"{path}: fold does not run from 0 to 1 over increasing times", remedy="make the plan again")
+    return plan
+
+
+def _plan(data: dict[str, Any]) -> Plan:
+    steps, check = data["step_tolerance"], dict(data["check"])
+    for key in ("clearance_fold_range", "clearance_panels"):
+        check[key] = tuple(check[key])
+    return Plan(
+        design_sha256=str(data["design_sha256"]),
+        design_name=str(data["design_name"]),
+        cell_ids=tuple(data["cell_ids"]),
+        rate_hz=float(data["rate_hz"]),
+        time_s=np.array(data["time_s"], dtype=float),
+        fold=np.array(data["fold"], dtype=float),
+        crease_angles_rad=np.array(data["crease_angles_rad"], dtype=float),
+        crease_rates_rad_s=np.array(data["crease_rates_rad_s"], dtype=float),
+        transmission=np.array(data["transmission"], dtype=float),
+        step_tolerance=StepTolerance(
+            np.array(steps["lead"], dtype=float),
+            np.array(steps["spread"], dtype=float),
+            float(steps["seating_fold"]),
+            float(steps["seating_depth_m"]),
+        ),
+        latch_points=tuple(data["latch_points"]),
+        check=MotionCheck(**check),
+    )
