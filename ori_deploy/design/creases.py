@@ -163,8 +163,8 @@ def opening_creases(e: Embedding, corner: Corners) -> OpeningCreases:
     small = TOLERANCE.root * size
     lo = np.where(corner.curved_before, corner.s_before, corner.s_w)
     hi = np.where(corner.curved_after, corner.s_after, corner.s_w)
-    before, after, _, _ = rim_thicknesses(profile, corner, corner.s_w)
-    at_w = before - after
+    before, after, d_before, d_after = rim_thicknesses(profile, corner, corner.s_w)
+    at_w, slope = before - after, d_before - d_after
     at_w[np.abs(at_w) <= small] = 0.0
     forward = at_w < 0.0
     lo, hi = np.where(forward, corner.s_w, lo), np.where(forward, hi, corner.s_w)
@@ -172,9 +172,9 @@ def opening_creases(e: Embedding, corner: Corners) -> OpeningCreases:
     lo[settled] = hi[settled] = corner.s_w[settled]
     if not profile.is_convex:
         lo, hi = _first_bracket(profile, corner, lo, hi, forward)
-    s, before, after = _newton(
-        profile, corner, lo, hi, np.where(forward, 0.72 * lo + 0.28 * hi, 0.28 * lo + 0.72 * hi)
-    )
+    start = corner.s_w - at_w / np.where(slope > 0.0, slope, 1.0)
+    start = np.where((start >= lo) & (start <= hi) & (slope > 0.0), start, 0.5 * (lo + hi))
+    s, before, after = _newton(profile, corner, lo, hi, start)
     lost = np.flatnonzero(~(np.abs(before - after) <= 100.0 * small))
     if len(lost):
         k = int(lost[0])

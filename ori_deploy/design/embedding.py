@@ -148,10 +148,11 @@ def _check_edges(e: Embedding) -> None:
     crossing = np.argwhere(_cross(p0[:, None], q0[:, None], a[None], np.roll(a, -1)[None]))
     if len(crossing):
         _refuse_edge(e, edges[crossing[0][0]], "crosses the outline")
-    for edge, ends in zip(edges, on_outline, strict=True):
-        for v, other, is_end in ((edge[0], edge[1], ends[0]), (edge[1], edge[0], ends[1])):
-            if is_end and not _points_inwards(e, int(v), complex(e.z[other] - e.z[v])):
-                _refuse_edge(e, edge, "leaves the profile at its end")
+    edge, end = np.nonzero(on_outline)
+    vertex, other = edges[edge, end], edges[edge, 1 - end]
+    leaving = np.flatnonzero(~_point_inwards(e, e.s[vertex], e.z[other] - e.z[vertex]))
+    if len(leaving):
+        _refuse_edge(e, edges[edge[leaving[0]]], "leaves the profile at its end")
     i, j = np.triu_indices(len(edges), 1)
     apart = ~(edges[i][:, :, None] == edges[j][:, None, :]).any(axis=(1, 2))
     i, j = i[apart], j[apart]
@@ -161,11 +162,12 @@ def _check_edges(e: Embedding) -> None:
         _refuse_edge(e, edges[i[hit[0]]], f"crosses edge {names[0]}-{names[1]}")
 
 
-def _points_inwards(e: Embedding, v: int, direction: complex) -> bool:
-    before, after = e.profile.tangents(float(e.s[v]))
-    inner_angle = np.pi - float(np.angle(after / before))
-    turn = float(np.angle(direction / after)) % (2.0 * np.pi)
-    return 0.0 < turn < inner_angle
+def _point_inwards(e: Embedding, s: Reals, direction: Points) -> NDArray[np.bool_]:
+    """Whether each direction lies between the outline's two tangents at `s`, on the inner side."""
+    before, after = e.profile.tangents(s)
+    inner_angle = np.pi - np.angle(after / before)
+    turn = np.angle(direction / after) % (2.0 * np.pi)
+    return np.asarray((turn > 0.0) & (turn < inner_angle))
 
 
 def _cross(p: Points, q: Points, a: Points, b: Points) -> NDArray[np.bool_]:

@@ -126,6 +126,28 @@ class Layout:
         return np.where((self.bonded_to >= 0) & (self.bonded_to < own), self.bonded_to, own)
 
     @cached_property
+    def overfull_vertices(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Opening vertices at which more than two cells are bonded in a row, with those cells.
+
+        Such a structure deploys but cannot fold flat: every cell of the row opens there to 180 degrees, so
+        the first and the third would lie in the same place. A slit in the row parts it.
+        """
+        found = []
+        for i, v in enumerate(self.vertices):
+            if v.role != "opening":
+                continue
+            arrives = [int(p) for p in np.flatnonzero(np.roll(self.corners, -1, axis=1).reshape(-1) == i)]
+            # The panel that arrives at the vertex is followed, in its cell, by the one that leaves it.
+            leaves = {p: p + 1 if p % 4 < 3 else p - 3 for p in arrives}
+            for first in (p for p in arrives if self.bonded_to[leaves[p]] < 0):
+                row = [first]
+                while (other := int(self.bonded_to[row[-1]])) >= 0:
+                    row.append(next(p for p, q in leaves.items() if q == other))
+                if len(row) > 2:
+                    found.append((v.id, tuple(self.cell_ids[p // 4] for p in row)))
+        return tuple(found)
+
+    @cached_property
     def latch_points(self) -> tuple[str, ...]:
         """What secures the deployed state: every slit, and every cell that touches no inner vertex."""
         slits = [f"slit:{self.vertices[a].id}-{self.vertices[b].id}" for a, b in self.slits]

@@ -12,7 +12,6 @@ from ori_deploy.profiles.profile import Points, Profile, Reals, Side
 _THICKNESS = np.array([0.2969, -0.1260, -0.3516, 0.2843, -0.1036])
 """Coefficients of sqrt(x), x, x^2, x^3, x^4 (Abbott & von Doenhoff, sec. 6.4); the last is the usual
 -0.1036 in place of -0.1015, which closes the trailing edge."""
-_POWERS = np.array([1, 2, 4, 6, 8])
 
 
 class Naca4(Profile):
@@ -62,10 +61,8 @@ class Naca4(Profile):
         return {"kind": "naca", "code": self.code, "chord_m": self.chord_m}
 
     def at_chord(self, x_chord: float, side: Side) -> float:
-        if x_chord == 0.0:
-            return 1.0
-        if x_chord == 1.0:
-            return 0.0
+        if x_chord in (0.0, 1.0):
+            return 1.0 - x_chord
         return chord_crossing(self, x_chord, side, nose=1.0)
 
     def _camber_line(self, x: Reals) -> tuple[Reals, Reals, Reals]:
@@ -83,33 +80,33 @@ class Naca4(Profile):
         )
 
     def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:
-        sign = np.where(s < 1.0, -1.0, 1.0)
-        r = np.abs(s - 1.0)
+        sigma = s - 1.0
+        r = np.abs(sigma)
         x = r * r
+        sign = np.where(sigma < 0.0, -1.0, 1.0)
         y, slope, bend = self._camber_line(x)
-        powers = [r ** (p - 1) for p in _POWERS]
         scale = 5.0 * self._thickness
-        half = scale * sum(c * q for c, q in zip(_THICKNESS, powers, strict=True)) * r
+        c0, c1, c2, c3, c4 = scale * _THICKNESS
+        half = r * (c0 + r * (c1 + x * (c2 + x * (c3 + x * c4))))
         # The side's normal: +i e^(i theta) above, -i e^(i theta) below.
-        normal = -1j * sign * (1.0 + 1j * slope) / np.sqrt(1.0 + slope * slope)
-        f = x + 1j * y + half * normal
+        stretch = 1.0 + slope * slope
+        normal = sign * (slope - 1j) / np.sqrt(stretch)
+        f: Points = self.chord_m * (x + 1j * y + half * normal)
         if order == 0:
-            return (self.chord_m * f,)
-        d_half = scale * sum(c * p * q for c, p, q in zip(_THICKNESS, _POWERS, powers, strict=True))
-        turn = bend * 2.0 * r / (1.0 + slope * slope)
-        d_normal = 1j * turn * normal
-        df = 2.0 * r * (1.0 + 1j * slope) + d_half * normal + half * d_normal
+            return (f,)
+        d_half = c0 + r * (2.0 * c1 + x * (4.0 * c2 + x * (6.0 * c3 + x * (8.0 * c4))))
+        # The normal turns with the camber line: its derivative is i times the turn times itself.
+        turn = 2.0 * bend * r / stretch
+        tilted = 1j * turn * normal
+        df = 2.0 * r * (1.0 + 1j * slope) + d_half * normal + half * tilted
+        signed = self.chord_m * sign * df
         if order == 1:
-            return self.chord_m * f, self.chord_m * sign * df
-        terms = zip(_THICKNESS[1:], _POWERS[1:], powers[1:], strict=True)
-        # r^(p - 2): one power less than d_half has; the square-root term has none left.
-        dd_half = scale * sum(c * p * (p - 1) * (q / np.maximum(r, 1e-300)) for c, p, q in terms)
-        d_turn = 2.0 * bend / (1.0 + slope * slope) - 2.0 * slope * turn * turn
+            return f, signed
+        dd_half = 2.0 * c1 + x * (12.0 * c2 + x * (30.0 * c3 + x * (56.0 * c4)))
+        d_turn = 2.0 * bend / stretch - 2.0 * slope * turn * turn
         dd_normal = (1j * d_turn - turn * turn) * normal
-        ddf = (
-            2.0 * (1.0 + 1j * slope) + 4.0j * x * bend + dd_half * normal + 2.0 * d_half * d_normal + half * dd_normal
-        )
-        return self.chord_m * f, self.chord_m * sign * df, self.chord_m * ddf
+        ddf = 2.0 + 2.0j * slope + 4.0j * x * bend + dd_half * normal + 2.0 * d_half * tilted + half * dd_normal
+        return f, signed, self.chord_m * ddf
 
 
 def chord_crossing(profile: Profile, x_chord: float, side: Side, nose: float, chord_m: float | None = None) -> float:
@@ -140,18 +137,17 @@ def chord_crossing(profile: Profile, x_chord: float, side: Side, nose: float, ch
     inside = ends[(ends > start) & (ends < stop)]
     s = np.concatenate([[start], inside, [stop]])
     gap = profile.point(s).real - target
-    found = np.flatnonzero(gap[:-1] * gap[1:] <= 0.0)
-    roots: list[float] = []
-    for k in found:
-        lo, hi, g_lo = float(s[k]), float(s[k + 1]), float(gap[k])
+    roots = [float(root) for root in s[gap == 0.0]]
+    for k in np.flatnonzero(gap[:-1] * gap[1:] < 0.0):
+        lo, hi, rising = float(s[k]), float(s[k + 1]), gap[k] < 0.0
         for _ in range(80):
             middle = 0.5 * (lo + hi)
-            g = float(profile.point(middle).real) - target
-            if (g <= 0.0) == (g_lo <= 0.0):
+            if (float(profile.point(middle).real) < target) == rising:
                 lo = middle
             else:
                 hi = middle
         roots.append(0.5 * (lo + hi))
+    roots.sort()
     distinct = [r for k, r in enumerate(roots) if k == 0 or r - roots[k - 1] > 1e-9 * profile.period]
     if len(distinct) != 1:
         x = profile.point(s).real / chord

@@ -19,7 +19,8 @@ class PointOutline(Profile):
     ----------
     points
         (n, 2) coordinates in chords, counter-clockwise, n >= 3; a repeated last point is dropped.
-        Airfoils start at the trailing edge and run over the upper side first.
+        Airfoils start at the trailing edge and run over the upper side first; their nose is the
+        point nearest (0, 0), as in every airfoil file.
     chord_m
         Metres per unit of `points`, > 0.
     smooth
@@ -44,7 +45,7 @@ class PointOutline(Profile):
         knots = np.append(0.0, np.cumsum(np.abs(np.diff(np.append(z, z[0])))))
         self._knots = knots
         self._coefficients = _spline(z, knots) if smooth else _polygon(z, knots)
-        self._nose = float(knots[int(np.argmin(z.real))])
+        self._nose = float(knots[int(np.argmin(np.abs(z)))])
         super().__init__(knots[-1], knots[:-1], resolution)
 
     @staticmethod
@@ -68,6 +69,8 @@ class PointOutline(Profile):
         return {"kind": "points", "chord_m": self.chord_m, "smooth": self.smooth, "points": points}
 
     def at_chord(self, x_chord: float, side: Side) -> float:
+        if x_chord in (0.0, 1.0):
+            return self._nose if x_chord == 0.0 else 0.0
         return chord_crossing(self, x_chord, side, self._nose)
 
     def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:

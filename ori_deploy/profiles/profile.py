@@ -63,6 +63,8 @@ class Profile(ABC):
         keep = np.union1d(np.arange(0, len(self.table_s), stride), np.flatnonzero(np.isin(self.table_s, self.breaks)))
         self._s2 = np.concatenate([self.table_s[keep], self.table_s[keep] + self.period])
         self._xy2 = np.ascontiguousarray(xy(np.tile(self.table_f[keep], 2)).T)
+        gap = np.diff(self.table_s[keep], append=self.period)
+        self._gap2 = np.concatenate([gap[-1:], gap, gap])
 
     # --- what a shape defines -------------------------------------------------------------------
 
@@ -101,12 +103,13 @@ class Profile(ABC):
         """`f(s)` as complex numbers, shaped like `s`."""
         return self.evaluate(s)[0]
 
-    def tangents(self, s: float) -> tuple[complex, complex]:
-        """Unit tangents just before and just after `s`: they differ at a corner."""
+    def tangents(self, s: ArrayLike) -> tuple[Points, Points]:
+        """Unit tangents just before and just after each `s`: they differ at a corner."""
         step = 1e-7 * self.period
-        before = self.evaluate((s - step) % self.period, 1)[1]
-        after = self.evaluate((s + step) % self.period, 1)[1]
-        return complex(before / abs(before)), complex(after / abs(after))
+        around = np.asarray(s, dtype=float) + np.array([-step, step]).reshape((2,) + (1,) * np.ndim(s))
+        along = self.evaluate(around, 1)[1]
+        before, after = along / np.abs(along)
+        return before, after
 
     # --- integrals along the outline --------------------------------------------------------------
 
@@ -228,25 +231,44 @@ class Profile(ABC):
         height = np.stack([direction.real, direction.imag], axis=1) @ self._xy2
         height[(self._s2 < lo[:, None]) | (self._s2 > hi[:, None])] = -np.inf
         best = height.argmax(axis=1)
-        seeds = self._s2[best]
+        s = self._s2[best]
         # Where no sample lies inside, the arc is shorter than the table's step.
-        seeds = np.where((seeds < lo) | (seeds > hi), 0.5 * (lo + hi), seeds)
-        left = np.maximum(lo, self._s2[np.maximum(best - 1, 0)])
-        right = np.minimum(hi, self._s2[np.minimum(best + 1, len(self._s2) - 1)])
-        right = np.maximum(right, left)
+        s = np.where((s < lo) | (s > hi), 0.5 * (lo + hi), s)
+        left, right = s - self._gap2[best], s + self._gap2[best + 1]
+        part = hi - lo < self.period * (1.0 - 1e-12)
+        left, right = np.where(part, np.maximum(lo, left), left), np.where(part, np.minimum(hi, right), right)
         conj = np.conj(direction)
-        s = seeds
-        for _ in range(3):
-            _, df, ddf = self.evaluate(s, 2)
-            slope, bend = (conj * df).real, (conj * ddf).real
-            # Towards a maximum only: elsewhere the seed itself, or an end, is the answer.
-            bend[bend >= 0.0] = -np.inf
-            s = np.minimum(np.maximum(s - slope / bend, left), right)
-        points = self.point(np.stack([s, seeds, lo, hi]))
+        f, df = self.evaluate(np.stack([lo, hi, left, right]), 1)
+        slope = (conj * df[2:]).real
+        points = np.stack([*f, self._summit(s, left, right, conj, (slope[0] > 0.0) & (slope[1] < 0.0))])
         value = (conj * (points - origin)).real
         pick = value.argmax(axis=0)
         columns = np.arange(len(best))
         return value[pick, columns], points[pick, columns]
+
+    def _summit(self, s: Reals, left: Reals, right: Reals, conj: Points, busy: NDArray[np.bool_]) -> Points:
+        """Where heights are largest inside brackets: Newton's method, halving where it does not pay.
+
+        Brackets that are not `busy` have their maximum at an end and keep their seed.
+        """
+        good_enough = 1e-15 * self.size
+        previous = np.full(len(s), np.inf)
+        for _ in range(60):
+            f, df, ddf = self.evaluate(s, 2)
+            slope, bend = (conj * df).real, (conj * ddf).real
+            rising = slope > 0.0
+            left, right = np.where(rising, s, left), np.where(rising, right, s)
+            steep = np.abs(slope)
+            # In a bracket round a maximum, slope times width bounds what the height can still gain.
+            busy = busy & (steep * (right - left) > good_enough)
+            if not busy.any():
+                break
+            bend[bend >= 0.0] = -np.inf
+            new = s - slope / bend
+            pays = (new > left) & (new < right) & (steep <= 0.5 * previous)
+            s = np.where(busy, np.where(pays, new, 0.5 * (left + right)), s)
+            previous = np.where(pays, steep, np.inf)
+        return f
 
     @cached_property
     def _bend(self) -> tuple[Reals, Reals]:
@@ -279,10 +301,25 @@ class Profile(ABC):
             # Equal shares of the integral give sagittas of (share)^2 / 8; a tenth in hand.
             count = max(1, int(np.ceil((b - a) / np.sqrt(7.2 * sagitta))))
             pieces.append(np.linspace(a, b, count, endpoint=False))
-        wanted = np.append(np.concatenate(pieces), measure[-1])
-        laps = np.floor(wanted / bend[-1])
+        wanted = np.concatenate(pieces)
+        laps = np.floor(wanted / bend[-1]) if bend[-1] > 0.0 else np.zeros_like(wanted)
         s = np.interp(wanted - laps * bend[-1], bend, ends) + laps * self.period
-        return self.point(np.concatenate([[start], s[1:-1], [stop]]))
+        # Nodes are exact: a straight stretch has no bend to find them by.
+        starts = np.cumsum([0, *(len(piece) for piece in pieces)])
+        s = np.append(s, stop)
+        s[starts] = nodes
+        points = self.point(s)
+        for _ in range(8):
+            # Unbounded curvature escapes quadrature: look, and halve what stands off too far.
+            middle = self.point(0.5 * (s[:-1] + s[1:]))
+            chord = np.diff(points)
+            off = np.abs((np.conj(chord) * (middle - points[:-1])).imag) / np.maximum(np.abs(chord), 1e-300)
+            far = np.flatnonzero(off > sagitta)
+            if not len(far):
+                break
+            s = np.insert(s, far + 1, 0.5 * (s[far] + s[far + 1]))
+            points = np.insert(points, far + 1, middle[far])
+        return points
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether each complex point lies inside the sampled outline (even-odd rule)."""
