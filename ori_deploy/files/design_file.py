@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ori_deploy.design import Structure, build, embed
-from ori_deploy.design.packaging import smallest_box
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.files.text import digest, read_json, write_atomically
 from ori_deploy.layout import Vertex, make_layout
@@ -50,10 +49,7 @@ def _pairs(points: Points) -> list[list[float]]:
 
 def packaging(structure: Structure) -> dict[str, Any]:
     """Areas in m2, eta, and the folded stack's smallest box in m."""
-    outlines = structure.panel_outlines()
-    flat = Mechanism(structure).poses(0.0)
-    stack = np.concatenate([flat.turn[p, 0] * o + flat.shift[p, 0] for p, o in enumerate(outlines)])
-    box = smallest_box(stack)
+    box = Mechanism(structure).stack_box_m
     area = structure.profile.area
     return {
         "area": area,

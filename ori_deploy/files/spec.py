@@ -222,8 +222,9 @@ def load_spec(path: Path) -> Spec:
         raise refuse_keys(str(path), wrong) from wrong
 
 
-def build_from_file(path: Path) -> tuple[Spec, Structure]:
+def build_from_file(path: str | Path) -> tuple[Spec, Structure]:
     """Read a specification and build its structure; errors name the file."""
+    path = Path(path)
     spec = load_spec(path)
     try:
         return spec, spec.build(path.parent)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ori_deploy.design import Structure
+from ori_deploy.design.packaging import smallest_box
 from ori_deploy.motion.fourbar import FourBars
 from ori_deploy.profiles.profile import Points, Reals
 
@@ -91,6 +92,13 @@ class Mechanism:
                 turn[there] = turn[here] * rotation
                 shift[there] = shift[here] + turn[here] * pivot * (1.0 - rotation)
         return Poses(turn, shift)
+
+    @cached_property
+    def stack_box_m(self) -> tuple[float, float]:
+        """Sides (longer, shorter) of the smallest rectangle round the folded stack, metres."""
+        flat = self.poses(0.0)
+        outlines = self.structure.panel_outlines()
+        return smallest_box(np.concatenate([flat.turn[p, 0] * o + flat.shift[p, 0] for p, o in enumerate(outlines)]))
 
     @cached_property
     def shared_crease(self) -> NDArray[np.bool_]:

@@ -5,20 +5,17 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-import toppra
-import toppra.algorithm
-import toppra.constraint
 from numpy.typing import NDArray
-from toppra.constraint import DiscretizationType
 
 from ori_deploy.errors import MotionError
 from ori_deploy.motion.fourbar import FourBars
 from ori_deploy.motion.plan import CREASES
 from ori_deploy.profiles.profile import Reals
 
-logging.getLogger("toppra").setLevel(logging.WARNING)
-
 _NODES = 401
+
+_NO_VELOCITY_RAD_S, _NO_ACCELERATION_RAD_S2 = 1e3, 1e5
+"""Stand in for no limit, which the solver cannot take: no motor turns a crease this fast."""
 
 
 def _nodes() -> Reals:
@@ -63,32 +60,42 @@ def time_path(
     MotionError
         No crease has a limit, or toppra finds no timing.
     """
-    limited = np.isfinite(velocity) & np.isfinite(acceleration)
-    if not limited.any():
+    limited = np.isfinite(velocity) | np.isfinite(acceleration)
+    if not (np.isfinite(velocity).any() and np.isfinite(acceleration).any()):
         raise MotionError(
-            "limits: no crease has a velocity and an acceleration limit",
-            limit="at least one",
+            "limits: no crease has a velocity limit, or none an acceleration limit",
+            limit="at least one of each",
             remedy="mend the rig",
         )
     nodes = _nodes()
-    angles = four_bars.angles(nodes)[:, limited]
-    path = toppra.SplineInterpolator(nodes, angles)
-    top_v, top_a = velocity[limited], acceleration[limited]
-    constraints = [
-        toppra.constraint.JointVelocityConstraint(np.stack([-top_v, top_v], axis=1)),
-        toppra.constraint.JointAccelerationConstraint(
-            np.stack([-top_a, top_a], axis=1), discretization_scheme=DiscretizationType.Interpolation
-        ),
-    ]
-    solver = toppra.algorithm.TOPPRA(constraints, path, gridpoints=nodes, solver_wrapper="seidel")
-    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
+    speed = _path_speed(nodes, four_bars.angles(nodes)[:, limited], velocity[limited], acceleration[limited])
     if speed is None or not np.isfinite(speed).all():
         raise MotionError(
             "timing: no motion satisfies the limits",
             limit="crease velocity and acceleration limits",
             remedy="raise them",
         )
-    return _sample(four_bars, nodes, speed, limited, top_v, top_a, rate_hz)
+    return _sample(four_bars, nodes, speed, limited, velocity[limited], acceleration[limited], rate_hz)
+
+
+def _path_speed(nodes: Reals, angles: Reals, top_v: Reals, top_a: Reals) -> Reals | None:
+    """Largest fold rate at every node, at rest at both ends; None where toppra finds none."""
+    # Imported here: it brings a plotting library along, half a second that no other command needs.
+    import toppra
+    from toppra import algorithm, constraint
+
+    logging.getLogger("toppra").setLevel(logging.WARNING)
+    top_v, top_a = np.minimum(top_v, _NO_VELOCITY_RAD_S), np.minimum(top_a, _NO_ACCELERATION_RAD_S2)
+    constraints = [
+        constraint.JointVelocityConstraint(np.stack([-top_v, top_v], axis=1)),
+        constraint.JointAccelerationConstraint(
+            np.stack([-top_a, top_a], axis=1), discretization_scheme=constraint.DiscretizationType.Interpolation
+        ),
+    ]
+    path = toppra.SplineInterpolator(nodes, angles)
+    solver = algorithm.TOPPRA(constraints, path, gridpoints=nodes, solver_wrapper="seidel")
+    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
+    return None if speed is None else np.asarray(speed, dtype=np.float64)
 
 
 def _sample(
@@ -104,7 +111,7 @@ def _sample(
     spans = 2.0 * np.diff(nodes) / (speed[:-1] + speed[1:])
     at_node = np.append(0.0, np.cumsum(spans))
     stretch = 1.0
-    for _ in range(4):
+    for _ in range(8):
         duration = at_node[-1] * stretch
         count = max(int(np.ceil(duration * rate_hz)), 2)
         # The rate stays as asked and the end falls on a sample: time is stretched by less than one period.
@@ -122,6 +129,11 @@ def _sample(
         second = np.diff(first, axis=0) * rate_hz
         over = max(float((np.abs(first) / top_v).max()), float(np.sqrt((np.abs(second) / top_a).max())))
         if over <= 1.0 + 1e-9:
-            break
+            return time, np.clip(fold, 0.0, 1.0), rate
         stretch *= over * 1.002
-    return time, np.clip(fold, 0.0, 1.0), rate
+    raise MotionError(
+        "timing: sampling at this rate cannot follow the limits",
+        value=f"{over:.3g} times the limit at {rate_hz:g} Hz",
+        limit="1",
+        remedy="raise rate_hz or the limits",
+    )
