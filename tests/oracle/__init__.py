@@ -1,0 +1,1 @@
+"""Slow, independent reference implementation of the planar geometry, for comparison in tests."""

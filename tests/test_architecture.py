@@ -1,0 +1,90 @@
+"""The house stays as drawn: rooms import only rooms to their left."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+COMMON = {"errors", "tolerance", "clock"}
+ALLOWED: dict[str, set[str]] = {
+    "profiles": set(),
+    "layout": set(),
+    "design": {"profiles", "layout"},
+    "motion": {"profiles", "layout", "design"},
+    "files": {"profiles", "layout", "design", "motion"},
+    "actuators": set(),
+    "deploy": {"motion", "actuators"},
+    "telemetry": {"motion", "actuators", "deploy"},
+    "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files"},
+}
+"""What each room may import, besides what all may. The command line knows them all."""
+NO_IO = ("profiles", "layout", "design", "motion")
+GEOMETRY_MAY_IMPORT = {"numpy", "scipy", "shapely", "toppra"}
+
+
+def modules(room: str) -> list[Path]:
+    return sorted((ROOT / "ori_deploy" / room).rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add(node.module or "")
+    return found
+
+
+def test_every_room_is_on_the_plan() -> None:
+    rooms = {p.name for p in (ROOT / "ori_deploy").iterdir() if p.is_dir() and (p / "__init__.py").exists()}
+    assert rooms == {*ALLOWED, "cli"}
+
+
+@pytest.mark.parametrize("room", ALLOWED)
+def test_rooms_import_only_what_the_plan_allows(room: str) -> None:
+    for path in modules(room):
+        for name in imports(path):
+            parts = name.split(".")
+            if parts[0] == "sim_backends":
+                pytest.fail(f"{path} imports {name}")
+            if parts[0] == "ori_deploy" and len(parts) > 1:
+                assert parts[1] in ALLOWED[room] | COMMON | {room}, f"{path} imports {name}"
+
+
+def test_simulators_know_nothing_of_the_controller() -> None:
+    for path in (ROOT / "sim_backends").rglob("*.py"):
+        for name in imports(path):
+            if name.startswith("ori_deploy."):
+                assert name.split(".")[1] in {"actuators", *COMMON}, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("room", NO_IO)
+def test_geometry_does_no_io_and_reads_no_clock(room: str) -> None:
+    standard = {
+        "abc",
+        "collections",
+        "dataclasses",
+        "functools",
+        "itertools",
+        "re",
+        "typing",
+        "__future__",
+        "logging",
+    }
+    for path in modules(room):
+        for name in imports(path):
+            top = name.split(".")[0]
+            assert top in standard | GEOMETRY_MAY_IMPORT | {"ori_deploy"}, f"{path} imports {name}"
+        assert not re.search(r"\b(open|print)\(", path.read_text()), path
+
+
+def test_files_are_one_idea_long() -> None:
+    long = [p for p in (ROOT / "ori_deploy").rglob("*.py") if len(p.read_text().splitlines()) > 500]
+    long += [p for p in (ROOT / "sim_backends").rglob("*.py") if len(p.read_text().splitlines()) > 500]
+    assert not long
