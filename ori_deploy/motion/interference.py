@@ -48,14 +48,14 @@ class Collision:
     fold: tuple[float, ...]
     depth_m: float
 
-    def error(self, allowed_m: float) -> MotionError:
+    def error(self, allowed_m: float, remedy: str) -> MotionError:
         """The error that refuses a motion because of this collision."""
         fold = self.fold[0] if len(set(self.fold)) == 1 else "[" + ", ".join(f"{x:.4g}" for x in self.fold) + "]"
         return MotionError(
             f"panels {self.panels[0]} and {self.panels[1]} reach into each other at fold {fold}",
             value=f"depth {self.depth_m:.3g} m",
             limit=f"{allowed_m:.3g} m",
-            remedy="choose another slit, thinner walls, or move the vertices of these cells",
+            remedy=remedy,
         )
 
 
@@ -101,7 +101,7 @@ class Interference:
         return np.array([shapely.Polygon(xy(o)) if len(o) > 2 else shapely.Polygon() for o in self.outlines])
 
     def _shrunk(self, depth_m: float) -> NDArray[np.object_]:
-        shrunk = shapely.buffer(self._shapes, -depth_m, join_style="mitre")
+        shrunk = shapely.buffer(self._shapes, -depth_m)
         shapely.prepare(shrunk)
         return np.asarray(shrunk)
 

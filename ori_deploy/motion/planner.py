@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import islice, product
+
 import numpy as np
 
 from ori_deploy.design import Structure
-from ori_deploy.errors import MotionError
+from ori_deploy.errors import LayoutError, MotionError
+from ori_deploy.layout import make_layout
 from ori_deploy.motion.interference import Interference
 from ori_deploy.motion.plan import MotionCheck, Plan
 from ori_deploy.motion.poses import Mechanism
@@ -32,6 +36,44 @@ def checked_folds(mechanism: Mechanism, tolerance: Tolerance = TOLERANCE) -> Rea
     return np.append(np.concatenate(pieces), 1.0)
 
 
+def free_slits(interference: Interference, limit: int = 64) -> list[tuple[tuple[str, str], ...]]:
+    """Choices of slits with which the same cells deploy in step without touching, at most `limit` tried.
+
+    Returns
+    -------
+    For each: (inner vertex, opening vertex) ids, one pair per inner vertex.
+    """
+    structure = interference.mechanism.structure
+    layout = structure.layout
+    ids = [v.id for v in layout.vertices]
+    cells = [tuple(ids[v] for v in cell) for cell in layout.cells]
+    choices = [
+        sorted({int(cell[k]) for cell in layout.cells if inner in cell for k in (1, 3)}) for inner, _ in layout.slits
+    ]
+    found = []
+    for chosen in islice(product(*choices), limit):
+        slits = tuple((ids[inner], ids[opening]) for (inner, _), opening in zip(layout.slits, chosen, strict=True))
+        try:
+            other = make_layout(layout.vertices, cells, slits)  # type: ignore[arg-type]
+        except LayoutError:
+            continue  # these slits leave a cell loose
+        embedding = replace(structure.embedding, layout=other)
+        mechanism = Mechanism(replace(structure, embedding=embedding))
+        if not other.overfull_vertices:
+            check = Interference(mechanism, interference.tolerance)
+            if check.first_collision(checked_folds(mechanism, interference.tolerance)) is None:
+                found.append(slits)
+    return found
+
+
+def _remedy(interference: Interference) -> str:
+    free = free_slits(interference)
+    if not free:
+        return "thinner walls, or move the vertices of these cells: no other choice of slits is free either"
+    written = [str([list(pair) for pair in slits]).replace("'", '"') for slits in free[:3]]
+    return f"slits = {' or '.join(written)} would be free"
+
+
 def check_motion(interference: Interference) -> MotionCheck:
     """Check the motion with all cells in step, flat to deployed.
 
@@ -43,7 +85,7 @@ def check_motion(interference: Interference) -> MotionCheck:
     folds = checked_folds(interference.mechanism, interference.tolerance)
     collision = interference.first_collision(folds)
     if collision is not None:
-        raise collision.error(interference.allowed_m)
+        raise collision.error(interference.allowed_m, _remedy(interference))
     clearance = interference.clearance(np.linspace(*_CLEARANCE_RANGE, _CLEARANCE_POSES))
     return MotionCheck(
         n_poses=len(folds),

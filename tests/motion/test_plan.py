@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ori_deploy.errors import MotionError
 from ori_deploy.motion import FourBars, plan_motion
 from ori_deploy.motion.timing import time_path
-from tests.shapes import structure, wing
+from tests.shapes import overfull, structure, wing
 
 
 def limits(n: int, v: float, a: float, crease: int = 2) -> tuple[np.ndarray, np.ndarray]:
@@ -79,6 +79,14 @@ def test_plan_holds_what_the_mechanism_does() -> None:
 def test_colliding_motion_is_refused() -> None:
     with pytest.raises(MotionError, match=r"panels c\d\.\w+ and c\d\.\w+ reach into each other at fold"):
         plan_motion(wing(slit="O1"), *limits(4, 0.6, 1.2), 100.0)
+
+
+def test_refusal_names_slits_that_would_be_free() -> None:
+    with pytest.raises(MotionError) as refused:
+        plan_motion(wing(slit="O1"), *limits(4, 0.6, 1.2), 100.0)
+    assert refused.value.remedy == 'slits = [["P", "O2"]] or [["P", "O3"]] would be free'
+    with pytest.raises(MotionError, match=r'slits = \[\["P", "O\w+"\], \["Q", "O\w+"\]\]'):
+        plan_motion(overfull(), *limits(5, 0.6, 1.2), 100.0)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, float("nan")])
