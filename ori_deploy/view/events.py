@@ -1,0 +1,98 @@
+"""What happened in a run, and when: changes of state, latches, faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ori_deploy.telemetry.read import Run
+
+
+@dataclass(frozen=True)
+class RunEvent:
+    """Something that happened.
+
+    Attributes
+    ----------
+    time_s
+        Since the run's first cycle.
+    what
+        "state", "fault", or what a latch did: "latch confirmed", "latch engaged", "latch released",
+        "latch not confirmed", "latch fault".
+    thing
+        The latch or the fault's kind; for states the new one.
+    detail
+        For people.
+    """
+
+    time_s: float
+    what: str
+    thing: str
+    detail: str
+
+    @property
+    def is_confirmation(self) -> bool:
+        return self.what == "latch confirmed"
+
+    @property
+    def kind(self) -> Literal["state", "latch", "fault"]:
+        """What to colour it by."""
+        if self.what == "state":
+            return "state"
+        return "fault" if "fault" in self.what else "latch"
+
+    @property
+    def short(self) -> str:
+        """A label for a plot."""
+        return f"fault: {self.thing}" if self.what == "fault" else f"{self.thing} {self.what.removeprefix('latch ')}"
+
+
+def run_events(run: Run) -> tuple[RunEvent, ...]:
+    """All of them in the order of time; a cause before its effect."""
+    order = {"latch": 0, "fault": 1, "state": 2}
+    events = (*latch_events(run), *fault_events(run), *_state_events(run))
+    return tuple(sorted(events, key=lambda e: (e.time_s, order[e.kind])))
+
+
+def _state_events(run: Run) -> list[RunEvent]:
+    start = float(run.time_s[0])
+    return [
+        RunEvent(max(t.time_s - start, 0.0), "state", str(t.target), f"{t.source} → {t.target} ({t.event})")
+        for t in run.transitions
+    ]
+
+
+def fault_events(run: Run) -> list[RunEvent]:
+    """Faults, in order."""
+    start = float(run.time_s[0])
+    return [
+        RunEvent(f.time_s - start, "fault", str(f.kind), f"{f.thing}: {f.detail}; remedy: {f.remedy}")
+        for f in run.faults
+    ]
+
+
+def latch_events(run: Run) -> list[RunEvent]:
+    """Changes of what latches were told and of what their sensors see; readings that were lost say nothing.
+
+    A latch that is found confirmed at its first reading was so before: that is no event.
+    """
+    start = float(run.time_s[0])
+    engaged: dict[str, bool] = {}
+    confirmed: dict[str, bool] = {}
+    tripped: dict[str, str | None] = {}
+    events: list[RunEvent] = []
+    for r in (r for r in run.latches if r.valid):
+        now = r.time_s - start
+        if r.engaged != engaged.get(r.id, r.engaged):
+            events.append(RunEvent(now, "latch engaged" if r.engaged else "latch released", r.id, "commanded"))
+        if r.confirmed is not None:
+            closed = r.engaged and r.confirmed
+            if closed and not confirmed.get(r.id, True):
+                events.append(RunEvent(now, "latch confirmed", r.id, "its sensor sees it closed"))
+            if not closed and r.engaged and confirmed.get(r.id, False):
+                events.append(RunEvent(now, "latch not confirmed", r.id, "its sensor no longer sees it closed"))
+            confirmed[r.id] = closed
+        if r.fault is not None and r.fault != tripped.get(r.id):
+            events.append(RunEvent(now, "latch fault", r.id, r.fault))
+        engaged[r.id], tripped[r.id] = r.engaged, r.fault
+    return events

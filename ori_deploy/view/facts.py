@@ -1,0 +1,218 @@
+"""The figures of a design, a plan and a run as words and numbers for people: degrees, millimetres, per cent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ori_deploy.design import Structure
+from ori_deploy.motion import Mechanism, Plan
+from ori_deploy.profiles.profile import Reals
+from ori_deploy.telemetry.read import Run
+from ori_deploy.telemetry.summary import Summary, summarise
+
+_MM = 1e3
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A line of a table: what, how much with its unit, and what else belongs to it."""
+
+    name: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class CellRow:
+    """A cell's line: texts in the order of the table's columns."""
+
+    cell: str
+    angles_deg: tuple[str, ...]
+    rim_mm: tuple[str, ...]
+    offset_mm: tuple[str, ...]
+    margin_deg: tuple[str, ...]
+
+
+def _mm(length_m: float) -> str:
+    """Millimetres to three figures, never in powers of ten."""
+    return f"{np.format_float_positional(_MM * length_m, precision=3, fractional=False, trim='-')} mm"
+
+
+def key_facts(structure: Structure | None, plan: Plan | None, run: Run | None) -> tuple[Fact, ...]:
+    """The few figures that a person looks for first."""
+    facts: list[Fact] = []
+    if structure is not None:
+        long, short = Mechanism(structure).stack_box_m
+        facts += [
+            Fact("packaging ratio η", f"{structure.eta:.4f}", "cross-section over material"),
+            Fact(
+                "volume reduction", f"{100.0 * (1.0 - 1.0 / structure.eta):.1f} %", "material against cross-section"
+            ),
+            Fact("box ratio", f"{structure.profile.area / (long * short):.3f}", "cross-section over folded box"),
+        ]
+    if plan is not None:
+        facts.append(
+            Fact(
+                "smallest clearance",
+                _mm(plan.check.smallest_clearance_m),
+                f"{' and '.join(plan.check.clearance_panels)} at fold {plan.check.clearance_fold:.2f}",
+            )
+        )
+    if run is not None:
+        worst = summarise(run).worst_tracking
+        facts.append(Fact("worst tracking error", f"{np.degrees(worst.error_rad):.2f}°", worst.hinge_id))
+        facts += [Fact(f"{r.command} took", f"{r.duration_s:.2f} s", str(r.outcome)) for r in run.results]
+    elif plan is not None:
+        facts.append(Fact("planned duration", f"{plan.duration_s:.2f} s", "flat to deployed"))
+    return tuple(facts)
+
+
+def design_facts(structure: Structure, span_m: float | None) -> tuple[Fact, ...]:
+    """What was designed."""
+    layout, profile = structure.layout, structure.profile
+    long, short = Mechanism(structure).stack_box_m
+    margin = np.degrees(structure.cells.dead_centre_margin)
+    cell, end = np.unravel_index(int(margin.argmin()), margin.shape)
+    extent = profile.table_f
+    inner = sum(v.inner for v in layout.vertices)
+    facts = [
+        Fact("profile", profile.kind, f"{_mm(float(np.ptp(extent.real)))} by {_mm(float(np.ptp(extent.imag)))}"),
+        Fact(
+            "layout",
+            f"{layout.n_cells} cells",
+            f"{layout.n_panels} panels, {inner} inner vert{'ex' if inner == 1 else 'ices'}",
+        ),
+        Fact("least wall offset", _mm(structure.wall_m)),
+        Fact(
+            "cross-section", f"{1e4 * profile.area:.2f} cm²", f"material {1e4 * structure.panel_areas.sum():.2f} cm²"
+        ),
+        Fact("folded stack", f"{_mm(long)} by {_mm(short)}", "smallest box round the flat cross-section"),
+        Fact(
+            "smallest dead-centre margin",
+            f"{margin[cell, end]:.2f}°",
+            f"{layout.cell_ids[cell]}, closing crease {'ab'[end]}",
+        ),
+        Fact("latch points", ", ".join(layout.latch_points) or "none"),
+    ]
+    if span_m is not None:
+        facts.insert(1, Fact("span", f"{span_m:.4g} m"))
+    return tuple(facts)
+
+
+def plan_facts(plan: Plan) -> tuple[Fact, ...]:
+    """What was planned, and what the check found."""
+    check, steps = plan.check, plan.step_tolerance
+    low, high = check.clearance_fold_range
+    return (
+        Fact("planned duration", f"{plan.duration_s:.2f} s", f"flat to deployed, {plan.rate_hz:g} Hz"),
+        Fact(
+            "smallest clearance",
+            _mm(check.smallest_clearance_m),
+            f"panels {' and '.join(check.clearance_panels)} at fold {check.clearance_fold:.3g}; "
+            f"taken from fold {low:g} to {high:g}",
+        ),
+        Fact(
+            "deepest penetration",
+            f"at most {_mm(check.deepest_penetration_m)}",
+            f"allowed {_mm(check.allowed_penetration_m)}; {check.n_poses} poses checked",
+        ),
+        Fact(
+            "safe step tolerance",
+            f"{steps.smallest:.4f} of the fold",
+            "smallest before seating begins; see the plan's curves",
+        ),
+        Fact(
+            "seating",
+            f"from fold {steps.seating_fold:.3g}" if steps.seating_fold < 1.0 else "none",
+            f"contact at the slits up to {_mm(steps.seating_depth_m)} deep" if steps.seating_fold < 1.0 else "",
+        ),
+    )
+
+
+def run_facts(run: Run) -> tuple[Fact, ...]:
+    """What was carried out."""
+    s: Summary = summarise(run)
+    worst = s.worst_tracking
+    facts = [
+        Fact("length of the log", f"{s.duration_s:.2f} s", f"{s.cycles} cycles{'' if s.complete else ', cut off'}"),
+        *(
+            Fact(f"{r.command}", f"{r.outcome} in {r.duration_s:.2f} s", f"final state {r.state}, {r.cycles} cycles")
+            for r in s.results
+        ),
+        Fact(
+            "worst tracking error",
+            f"{np.degrees(worst.error_rad):.2f}°",
+            f"{worst.hinge_id} (cell {worst.cell_id}) after {worst.time_s:.2f} s",
+        ),
+        Fact("largest spread of fold", _known(s.largest_spread, ".4f"), "between any two cells, measured"),
+        Fact("overruns", str(s.overruns), f"worst lateness {1e3 * s.worst_lateness_s:.2f} ms"),
+        Fact("lost replies", str(s.lost_replies)),
+        Fact("hottest", _known(s.hottest_c, ".1f", " °C")),
+        Fact("lowest supply", _known(s.lowest_v, ".2f", " V")),
+    ]
+    return tuple(facts)
+
+
+def _known(value: float, form: str, unit: str = "") -> str:
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "not read"
+
+
+def cell_rows(structure: Structure) -> tuple[CellRow, ...]:
+    """The cells, one by one; the four angles in the order of `motion.CREASES`."""
+    cells = structure.cells
+
+    def texts(values: Reals, form: str) -> tuple[str, ...]:
+        return tuple(f"{value:{form}}" for value in values)
+
+    return tuple(
+        CellRow(
+            cell=name,
+            angles_deg=texts(np.degrees(cells.angle[i]), ".1f"),
+            rim_mm=texts(_MM * cells.rim[i], ".2f"),
+            offset_mm=texts(_MM * cells.offset[i], ".2f"),
+            margin_deg=texts(np.degrees(cells.dead_centre_margin[i]), ".1f"),
+        )
+        for i, name in enumerate(structure.layout.cell_ids)
+    )
+
+
+def provenance_facts(
+    design_sha256: str, plan_sha256: str, plan: Plan | None, run: Run | None, version: str
+) -> tuple[tuple[Fact, ...], tuple[str, ...]]:
+    """Where everything comes from, and what does not belong together.
+
+    Parameters
+    ----------
+    design_sha256, plan_sha256
+        Of the files at hand; empty where there is none.
+    version
+        Of this program.
+    """
+    told = {
+        "design": {"its file": design_sha256, "the plan": plan.design_sha256 if plan is not None else ""},
+        "plan": {"its file": plan_sha256},
+        "rig": {},
+    }
+    facts: list[Fact] = []
+    warnings: list[str] = []
+    for name, digests in told.items():
+        if run is not None:
+            digests["the log"] = str(run.info[f"{name}_sha256"])
+        by_digest: dict[str, list[str]] = {}
+        for source, digest in digests.items():
+            if digest:
+                by_digest.setdefault(digest, []).append(source)
+        facts += [Fact(f"{name} sha256", d, f"according to {' and '.join(by)}") for d, by in by_digest.items()]
+        if len(by_digest) > 1:
+            disagree = " and ".join(by[0] for by in by_digest.values())
+            warnings.append(f"These do not belong together: {disagree} name different {name}s.")
+    if run is not None:
+        facts += [
+            Fact("rig file", str(run.info["rig_file"]) or "none"),
+            Fact("seed", str(run.info["seed"]), "of simulated servos"),
+            Fact("controller's version", str(run.info["version"])),
+        ]
+    facts.append(Fact("report's version", version))
+    return tuple(facts), tuple(warnings)

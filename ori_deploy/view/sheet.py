@@ -1,0 +1,69 @@
+"""Figures as SVG and PNG: the same bytes for the same figure, on every run."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+from markupsafe import Markup, escape
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from ori_deploy.view.ink import house_style
+
+_COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
+_ID = re.compile(r'(?<= id=")|(?<=href="#)|(?<=url\(#)')
+_NAMESPACE = re.compile(r'\s+xmlns(?::\w+)?="[^"]*"')  # HTML knows what an svg element is
+_METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+
+
+def to_svg(figure: Figure) -> str:
+    """A whole SVG document."""
+    out = io.StringIO()
+    with house_style():
+        FigureCanvasSVG(figure).print_figure(out, format="svg", metadata={"Date": None, "Creator": None})
+    return _COMMENT.sub("", out.getvalue())
+
+
+def to_inline_svg(figure: Figure, prefix: str, label: str) -> Markup:
+    """An `<svg>` element for a page that may hold several.
+
+    Parameters
+    ----------
+    prefix
+        Put before every id, so that those of two figures on one page differ.
+    label
+        What the figure shows, for those who can't see it.
+    """
+    element = to_svg(figure)
+    element = _METADATA.sub("", element[element.index("<svg") :])
+    element = _NAMESPACE.sub("", _ID.sub(f"{prefix}-", element))
+    width = figure.get_figwidth() * 96.0
+    head = f'<svg role="img" aria-label="{escape(label)}" style="max-width:{1.25 * width:.0f}px" '
+    return Markup(element.replace("<svg ", head, 1))  # our own drawing: matplotlib escapes what it writes
+
+
+def save_svg(figure: Figure, path: Path) -> None:
+    """Write a figure as SVG."""
+    path.write_text(to_svg(figure), encoding="utf-8")
+
+
+def to_png(figure: Figure, dpi: float = 160.0) -> bytes:
+    """A whole PNG file.
+
+    Parameters
+    ----------
+    dpi
+        Dots per inch; figures are about 9.5 inches wide.
+    """
+    out = io.BytesIO()
+    with house_style():
+        FigureCanvasAgg(figure).print_figure(out, format="png", dpi=dpi, metadata={"Software": None})
+    return out.getvalue()
+
+
+def save_png(figure: Figure, path: Path, dpi: float = 160.0) -> None:
+    """Write a figure as PNG, see `to_png`."""
+    path.write_bytes(to_png(figure, dpi))

@@ -1,0 +1,74 @@
+"""How it ended, in a sentence: nothing is called deployed that the controller did not call so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ori_deploy.deploy.result import Fault, MotionResult, Outcome
+from ori_deploy.deploy.states import State
+from ori_deploy.motion.plan import Plan
+from ori_deploy.telemetry.read import Run
+
+Tone = Literal["good", "bad", "neutral"]
+
+_DONE = {"deploy": (State.DEPLOYED, "Deployed with every latch confirmed"), "stow": (State.STOWED, "Stowed")}
+_NOT_DONE = {"deploy": "Not deployed", "stow": "Not stowed"}
+_WHY = {
+    Outcome.SUCCEEDED: "the result and the final state contradict each other",
+    Outcome.HELD: "held on the operator's word",
+    Outcome.STOPPED: "stopped on the operator's word",
+    Outcome.FAULT: "stopped by a fault",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A headline, whether it is good news, and the reasons."""
+
+    tone: Tone
+    headline: str
+    reasons: tuple[str, ...]
+
+
+def verdict(plan: Plan | None, run: Run | None) -> Verdict:
+    """Judge what is at hand: the last command's end counts, whatever went well before."""
+    if run is None:
+        if plan is None:
+            return Verdict("neutral", "A design: not planned, not carried out", ())
+        return Verdict("neutral", "A checked plan: not carried out", ())
+    reasons = [_fault_sentence(f, float(run.time_s[0])) for f in run.faults]
+    for result in run.results:
+        reasons += [f"Recording failed during {result.command}: {e}" for e in result.observer_errors]
+    final = run.state[-1]
+    if not run.complete:
+        reasons.append(f"The log was cut off in state {final}: what came after is not known.")
+    if not run.results:
+        return Verdict("bad", f"No result recorded: the log ends in state {final}", tuple(reasons))
+    good = _is_done(run.results[-1]) and final != State.FAULT and run.complete
+    headline = ", then ".join(_sentence(r, first=k == 0) for k, r in enumerate(run.results))
+    if final == State.FAULT and _is_done(run.results[-1]):
+        headline += "; then a fault"
+    return Verdict("good" if good else "bad", headline, tuple(reasons))
+
+
+def _is_done(result: MotionResult) -> bool:
+    wanted, _ = _DONE.get(result.command, (None, ""))
+    return result.succeeded and result.state is wanted and result.fault is None
+
+
+def _sentence(result: MotionResult, *, first: bool) -> str:
+    if _is_done(result):
+        text = _DONE[result.command][1]
+    else:
+        text = f"{_NOT_DONE.get(result.command, 'Not done')}: {_WHY[result.outcome]}"
+        if result.fault is not None:
+            text += f" ({result.fault.kind}, {result.fault.thing})"
+    return text if first else text[0].lower() + text[1:]
+
+
+def _fault_sentence(fault: Fault, start_s: float) -> str:
+    return (
+        f"Fault {fault.kind} after {fault.time_s - start_s:.2f} s: {fault.thing}: {fault.detail}. "
+        f"Remedy: {fault.remedy}."
+    )

@@ -1,0 +1,186 @@
+"""What a run's curves, events and verdict say."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ori_deploy.actuators.bus import LatchReading
+from ori_deploy.deploy.result import Outcome
+from ori_deploy.deploy.states import State
+from ori_deploy.telemetry.read import Run
+from ori_deploy.telemetry.summary import summarise
+from ori_deploy.view import draw_tracking, to_svg
+from ori_deploy.view.events import latch_events, run_events
+from ori_deploy.view.verdict import verdict
+from tests.deploy.synthetic import synthetic_plan
+from tests.view.test_figures import gids
+
+
+def repeated(run: Run, times: int) -> Run:
+    """A log that is `times` as long."""
+    n = len(run.time_s)
+    arrays: dict[str, Any] = {
+        name: np.concatenate([value] * times)
+        for name, value in vars(run).items()
+        if isinstance(value, np.ndarray) and len(value) == n and name != "time_s"
+    }
+    return replace(
+        run, **arrays, time_s=np.arange(n * times) / 100.0, state=run.state * times, stage=run.stage * times
+    )
+
+
+def test_tracking_shows_every_driven_crease_commanded_measured_and_its_error(good_run: Run) -> None:
+    figure = draw_tracking(good_run, synthetic_plan())
+    for what in ("commanded", "measured", "error"):
+        assert gids(figure, f"{what}-") == [f"{what}-{i}" for i in range(4)]
+    assert gids(figure, "spread-limit")
+    assert not gids(draw_tracking(good_run), "spread-limit")
+    notes = [t.get_text() for axes in figure.axes for t in axes.texts]
+    assert any("confirmed" in t for t in notes)
+    worst = summarise(good_run).worst_tracking
+    assert f"{np.degrees(worst.error_rad):.2f}° {worst.hinge_id}" in notes
+
+
+def test_tracking_marks_the_fault(faulted_run: Run) -> None:
+    figure = draw_tracking(faulted_run)
+    assert "fault: path_tolerance" in [t.get_text() for t in figure.axes[1].texts]
+    legends = [t.get_text() for legend in figure.legends for t in legend.get_texts()]
+    assert "fault" in legends
+    assert "deployed" not in legends
+
+
+def test_a_long_log_keeps_its_peaks_and_stays_small(good_run: Run) -> None:
+    long = repeated(good_run, 30)
+    long.position_rad[4321, 1] += 2.0
+    figure = draw_tracking(long)
+    (line,) = [x for x in figure.axes[2].lines if x.get_gid() == "error-1"]
+    peak = np.degrees(np.nanmax(np.abs(long.tracking_error_rad[:, 1])))
+    assert np.nanmax(np.abs(line.get_ydata())) == pytest.approx(peak)
+    assert len(to_svg(figure)) < 1_500_000
+
+
+def test_a_log_in_which_no_hinge_ever_answered_can_be_drawn(good_run: Run) -> None:
+    silent = replace(
+        good_run,
+        position_rad=np.full_like(good_run.position_rad, np.nan),
+        fold=np.full_like(good_run.fold, np.nan),
+    )
+    ET.fromstring(to_svg(draw_tracking(silent, synthetic_plan())))
+
+
+def test_a_log_of_one_cycle_can_be_drawn(good_run: Run) -> None:
+    n = len(good_run.time_s)
+    first: dict[str, Any] = {
+        name: value[:1]
+        for name, value in vars(good_run).items()
+        if (isinstance(value, np.ndarray) and len(value) == n) or name in ("state", "stage")
+    }
+    ET.fromstring(to_svg(draw_tracking(replace(good_run, **first, latches=()))))
+
+
+def test_long_and_odd_names_are_cut_short_and_not_taken_for_formulas(good_run: Run) -> None:
+    odd = replace(good_run, info={**good_run.info, "hinge_ids": ["$\\frac{", "</svg><script>", "x" * 300, "]]>"]})
+    text = to_svg(draw_tracking(odd))
+    ET.fromstring(text)
+    assert "<script>" not in text
+
+
+def reading(time_s: float, engaged: bool, confirmed: bool | None, valid: bool = True) -> LatchReading:
+    return LatchReading("pin", engaged, confirmed, valid, time_s)
+
+
+def test_latch_events_are_changes_and_lost_readings_are_none(good_run: Run) -> None:
+    start = float(good_run.time_s[0])
+    readings = (
+        reading(start, False, False),
+        reading(start + 1.0, True, False),
+        reading(start + 1.1, True, None, valid=False),
+        reading(start + 1.2, True, True),
+        reading(start + 1.3, True, True),
+        reading(start + 1.4, True, None, valid=False),
+        reading(start + 2.0, True, False),
+        reading(start + 3.0, False, False),
+    )
+    events = latch_events(replace(good_run, latches=readings))
+    assert [(round(e.time_s, 3), e.what) for e in events] == [
+        (1.0, "latch engaged"),
+        (1.2, "latch confirmed"),
+        (2.0, "latch not confirmed"),
+        (3.0, "latch released"),
+    ]
+    already = latch_events(replace(good_run, latches=(reading(start, True, True),)))
+    assert already == []
+
+
+def test_events_are_in_order_and_confirmations_precede_deployed(good_run: Run) -> None:
+    events = run_events(good_run)
+    assert [e.time_s for e in events] == sorted(e.time_s for e in events)
+    deployed = next(i for i, e in enumerate(events) if e.what == "state" and e.thing == "deployed")
+    confirmed = [i for i, e in enumerate(events) if e.is_confirmation]
+    assert len(confirmed) == len(good_run.info["latch_ids"])
+    assert max(confirmed) < deployed
+
+
+def test_verdict_on_a_deployment() -> None:
+    assert verdict(None, None).tone == "neutral"
+    assert "not carried out" in verdict(synthetic_plan(), None).headline
+
+
+def test_verdict_on_a_run_that_deployed(good_run: Run) -> None:
+    found = verdict(None, good_run)
+    assert found.tone == "good"
+    assert found.headline == "Deployed with every latch confirmed"
+    assert found.reasons == ()
+
+
+def test_verdict_on_a_fault_names_it(faulted_run: Run) -> None:
+    found = verdict(None, faulted_run)
+    assert found.tone == "bad"
+    assert found.headline.startswith("Not deployed: stopped by a fault (path_tolerance, ")
+    assert any("path_tolerance" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize("outcome", [o for o in Outcome if o is not Outcome.SUCCEEDED])
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("command", ["deploy", "stow"])
+def test_nothing_is_called_done_that_did_not_succeed(
+    good_run: Run, outcome: Outcome, state: State, command: str
+) -> None:
+    result = replace(good_run.results[0], command=command, outcome=outcome, state=state)
+    found = verdict(None, replace(good_run, results=(result,)))
+    assert found.tone == "bad"
+    assert found.headline.startswith("Not deployed:" if command == "deploy" else "Not stowed:")
+
+
+@pytest.mark.parametrize("state", [s for s in State if s is not State.DEPLOYED])
+def test_success_in_another_state_than_deployed_is_not_believed(good_run: Run, state: State) -> None:
+    result = replace(good_run.results[0], state=state)
+    found = verdict(None, replace(good_run, results=(result,)))
+    assert found.headline.startswith("Not deployed:")
+    assert found.tone == "bad"
+
+
+def test_a_fault_after_deployment_and_a_log_cut_off_are_bad_news(good_run: Run) -> None:
+    after = replace(good_run, state=(*good_run.state[:-1], "fault"))
+    assert verdict(None, after).tone == "bad"
+    assert verdict(None, after).headline.endswith("then a fault")
+    cut = verdict(None, replace(good_run, complete=False, results=()))
+    assert cut.tone == "bad"
+    assert not cut.headline.startswith("Deployed")
+    assert any("cut off" in reason for reason in cut.reasons)
+
+
+def test_deploying_and_stowing_are_both_told(good_run: Run) -> None:
+    deployed = good_run.results[0]
+    stowed = replace(deployed, command="stow", state=State.STOWED)
+    failed = replace(deployed, command="stow", state=State.HOLD, outcome=Outcome.HELD)
+    both = verdict(None, replace(good_run, results=(deployed, stowed)))
+    assert (both.tone, both.headline) == ("good", "Deployed with every latch confirmed, then stowed")
+    half = verdict(None, replace(good_run, results=(deployed, failed)))
+    assert half.tone == "bad"
+    assert "then not stowed" in half.headline
