@@ -1,0 +1,350 @@
+"""The abstract actuator bus: hinges, latches and their sensors, whatever carries the bytes.
+
+A backend implements the small methods whose names begin with an underscore. What must hold for every
+backend is written once, here: nothing goes out before `connect`, no goal goes out that is not a finite
+number inside its range, and torque never goes on before the goal is the measured position.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ori_deploy.errors import OriDeployError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+class BusError(OriDeployError):
+    """Base of everything a bus call can raise."""
+
+
+class BusTimeout(BusError):
+    """No actuator answered in time; the link itself may be fine."""
+
+
+class CorruptReply(BusError):
+    """Something answered, and none of it could be believed."""
+
+
+class BusClosed(BusError):
+    """Not connected, or unplugged while connected. `connect` must succeed before anything else can."""
+
+
+class CommandRefused(BusError):
+    """The command was not sent, or was refused by the device; nothing has moved because of it."""
+
+
+class ActuatorFault(BusError):
+    """An actuator reports a fault of its own.
+
+    Attributes
+    ----------
+    actuator_id
+        The hinge actuator or latch that reports it.
+    """
+
+    def __init__(self, actuator_id: str, message: str) -> None:
+        super().__init__(f"{actuator_id}: {message}")
+        self.actuator_id = actuator_id
+
+
+class LatchTripped(ActuatorFault):
+    """A latch shut itself off to protect itself, and refuses to work until it has recovered."""
+
+
+class HardwareError(IntFlag):
+    """What an actuator can find wrong with itself."""
+
+    NONE = 0
+    INPUT_VOLTAGE = 1
+    OVERHEATING = 2
+    ENCODER = 4
+    ELECTRICAL_SHOCK = 8
+    OVERLOAD = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HingeReadings:
+    """One reading of every hinge; arrays have shape (n_hinges,).
+
+    Attributes
+    ----------
+    position_rad, velocity_rad_s
+        Of the actuator's shaft; NaN where not valid.
+    current_a
+        Magnitude of the motor current; NaN where not valid.
+    alert
+        The actuator says that `read_health` has a hardware error to tell; False where not valid.
+    valid
+        Whether this hinge answered, and correctly.
+    time_s
+        When the reading was taken, on the bus's clock; NaN where not valid.
+    """
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    current_a: FloatArray
+    alert: BoolArray
+    valid: BoolArray
+    time_s: FloatArray
+
+    @classmethod
+    def none(cls, n_hinges: int) -> HingeReadings:
+        """Readings in which no hinge answered."""
+        nan = np.full(n_hinges, np.nan)
+        false = np.zeros(n_hinges, dtype=np.bool_)
+        return cls(nan, nan, nan, false, false, nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HealthReadings:
+    """What changes slowly, read less often; arrays have shape (n_hinges,).
+
+    Attributes
+    ----------
+    temperature_c, voltage_v
+        NaN where not valid.
+    hardware_error
+        `HardwareError` bits; 0 where not valid.
+    torque_on
+        Whether the actuator holds its goal; False where not valid. An actuator that restarted has it off.
+    valid, time_s
+        As in `HingeReadings`.
+    """
+
+    temperature_c: FloatArray
+    voltage_v: FloatArray
+    hardware_error: NDArray[np.uint8]
+    torque_on: BoolArray
+    valid: BoolArray
+    time_s: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LatchReading:
+    """What one latch and its sensor say.
+
+    Attributes
+    ----------
+    id
+        The latch.
+    engaged
+        The last command it accepted.
+    confirmed
+        Whether the sensor sees the latch closed; None when the sensor cannot tell.
+    valid
+        Whether the reading arrived; `confirmed` is None when it did not.
+    time_s
+        When it was taken; NaN when not valid.
+    fault
+        Why the latch shut itself off, or None.
+    """
+
+    id: str
+    engaged: bool
+    confirmed: bool | None
+    valid: bool
+    time_s: float
+    fault: str | None = None
+
+
+class ActuatorBus(ABC):
+    """Hinge actuators and latches behind one connection.
+
+    Parameters
+    ----------
+    hinge_ids, latch_ids
+        Names, in the order of every array and tuple of readings.
+    position_limits_rad
+        (n_hinges, 2) smallest and largest goal of every shaft; finite.
+    """
+
+    def __init__(self, hinge_ids: Sequence[str], latch_ids: Sequence[str], position_limits_rad: FloatArray) -> None:
+        limits = np.array(position_limits_rad, dtype=np.float64)
+        if limits.shape != (len(hinge_ids), 2) or not np.isfinite(limits).all():
+            raise ValueError(f"position limits must be finite, shape ({len(hinge_ids)}, 2)")
+        self.hinge_ids = tuple(hinge_ids)
+        self.latch_ids = tuple(latch_ids)
+        self._lower, self._upper = limits.T.copy()
+        self._connected = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether `connect` succeeded and neither `close` nor an unplugging followed."""
+        return self._connected
+
+    def connect(self) -> None:
+        """Open the link and check that every actuator is there. Nothing moves, torque stays as it is.
+
+        Raises
+        ------
+        BusClosed
+            There is nothing to connect to.
+        BusTimeout
+            An actuator is missing; the message names it.
+        """
+        if not self._connected:
+            self._open()
+            self._connected = True
+
+    def close(self) -> None:
+        """Close the link. Actuators keep their goal and torque. Safe to call twice."""
+        if self._connected:
+            self._connected = False
+            self._close()
+
+    def enable_torque(self) -> FloatArray:
+        """Turn torque on where every hinge stands: the goal is the measured position.
+
+        Returns
+        -------
+        (n_hinges,) the goals that were set.
+
+        Raises
+        ------
+        CommandRefused
+            A hinge does not say where it is, or stands outside its range; no torque went on.
+        """
+        readings = self.read_hinges()
+        if not readings.valid.all():
+            raise CommandRefused(
+                f"torque stays off: no valid position from {self._names(~readings.valid)}; "
+                "remedy: check its power and wiring"
+            )
+        self._check_goals(readings.position_rad)
+        self._write_goals(readings.position_rad)
+        self._set_torque(True)
+        return readings.position_rad
+
+    def disable_torque(self) -> None:
+        """Let every hinge go limp. Latches stay as they are."""
+        self._require_connection()
+        self._set_torque(False)
+
+    def command_hinges(self, position_rad: FloatArray) -> None:
+        """Send a goal to every hinge.
+
+        Parameters
+        ----------
+        position_rad
+            (n_hinges,) shaft positions.
+
+        Raises
+        ------
+        CommandRefused
+            A goal is not finite or outside its range. None of the goals was sent.
+        BusClosed
+            The link is gone.
+        """
+        self._require_connection()
+        self._check_goals(position_rad)
+        self._write_goals(position_rad)
+
+    def read_hinges(self) -> HingeReadings:
+        """Read every hinge. A hinge that fails alone comes back invalid.
+
+        Raises
+        ------
+        BusTimeout, CorruptReply
+            No hinge gave a valid answer.
+        BusClosed
+            The link is gone.
+        """
+        self._require_connection()
+        return self._read_hinges()
+
+    def read_health(self) -> HealthReadings:
+        """Read temperatures, voltages, hardware errors and torque. Raises as `read_hinges` does."""
+        self._require_connection()
+        return self._read_health()
+
+    def reset_errors(self) -> None:
+        """Acknowledge hardware errors whose cause has passed. Torque of those hinges stays off.
+
+        Raises
+        ------
+        CommandRefused
+            A cause persists; the message names the actuator and the cause.
+        """
+        self._require_connection()
+        self._reset_errors()
+
+    def engage(self, latch_id: str) -> None:
+        """Command a latch to close. Closing is confirmed by its sensor, never by this call.
+
+        Raises
+        ------
+        CommandRefused
+            There is no such latch.
+        LatchTripped
+            The latch is protecting itself and stays off.
+        """
+        self._require_connection()
+        self._set_latch(self._latch_index(latch_id), True)
+
+    def release(self, latch_id: str) -> None:
+        """Command a latch to open. A passive magnet accepts it and opens when it is pulled apart."""
+        self._require_connection()
+        self._set_latch(self._latch_index(latch_id), False)
+
+    def read_latches(self) -> tuple[LatchReading, ...]:
+        """Read every latch, in the order of `latch_ids`. Raises as `read_hinges` does."""
+        self._require_connection()
+        return self._read_latches()
+
+    def _check_goals(self, goals: FloatArray) -> None:
+        if np.shape(goals) != self._lower.shape:
+            raise CommandRefused(f"goals have shape {np.shape(goals)}; expected {self._lower.shape}")
+        inside = (goals >= self._lower) & (goals <= self._upper)  # False for NaN as well
+        if not inside.all():
+            i = int(np.flatnonzero(~inside)[0])
+            raise CommandRefused(
+                f"goal of {self.hinge_ids[i]} is {goals[i]:.6g} rad; "
+                f"limit: {self._lower[i]:.6g} to {self._upper[i]:.6g} rad; nothing was sent"
+            )
+
+    def _latch_index(self, latch_id: str) -> int:
+        if latch_id not in self.latch_ids:
+            raise CommandRefused(f"there is no latch {latch_id!r}; latches: {', '.join(self.latch_ids)}")
+        return self.latch_ids.index(latch_id)
+
+    def _require_connection(self) -> None:
+        if not self._connected:
+            raise BusClosed("the bus is not connected")
+
+    def _names(self, mask: BoolArray) -> str:
+        return ", ".join(self.hinge_ids[i] for i in np.flatnonzero(mask))
+
+    @abstractmethod
+    def _open(self) -> None: ...
+
+    @abstractmethod
+    def _close(self) -> None: ...
+
+    @abstractmethod
+    def _write_goals(self, position_rad: FloatArray) -> None: ...
+
+    @abstractmethod
+    def _set_torque(self, on: bool) -> None: ...
+
+    @abstractmethod
+    def _read_hinges(self) -> HingeReadings: ...
+
+    @abstractmethod
+    def _read_health(self) -> HealthReadings: ...
+
+    @abstractmethod
+    def _reset_errors(self) -> None: ...
+
+    @abstractmethod
+    def _set_latch(self, index: int, engaged: bool) -> None: ...
+
+    @abstractmethod
+    def _read_latches(self) -> tuple[LatchReading, ...]: ...

@@ -1,0 +1,336 @@
+"""The rig file: what is wired to what, how far and how fast it may go, and when to stop.
+
+Angles of a crease are the design's; positions of a shaft are the actuator's:
+`shaft = zero + direction * gear_ratio * crease`. Times are seconds, the rest is SI.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, StrictStr, TypeAdapter, ValidationError, model_validator
+from pydantic.dataclasses import dataclass
+from pydantic_core import ErrorDetails
+
+from ori_deploy.errors import RigError
+
+SCHEMA = "ori-deploy/rig/1"
+
+STOW_POINT = "stow"
+"""What a latch secures when it keeps the folded stack together."""
+
+Crease = Literal["open_c", "open_d", "close_a", "close_b"]
+CREASE_ORDER: tuple[Crease, ...] = ("open_c", "open_d", "close_a", "close_b")
+"""The design's order of creases, on every array axis of length 4."""
+
+LatchKind = Literal["magnet", "electromagnet", "lock_pin"]
+
+_Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+_NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+_Fraction = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False, strict=True)]
+_Name = Annotated[StrictStr, Field(min_length=1)]
+_Count = Annotated[int, Field(ge=0, strict=True)]
+
+_STRICT = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class ActuatorLimits:
+    """What an actuator can do, at its shaft."""
+
+    max_velocity_rad_s: _Positive
+    max_acceleration_rad_s2: _Positive
+    max_torque_nm: _Positive
+    min_position_rad: _Finite
+    max_position_rad: _Finite
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> ActuatorLimits:
+        if self.min_position_rad >= self.max_position_rad:
+            raise ValueError("min_position_rad must be smaller than max_position_rad")
+        return self
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class Actuator(ActuatorLimits):
+    """A named actuator."""
+
+    id: _Name
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class Drive:
+    """How an actuator turns a crease, and how fast the crease may turn.
+
+    Attributes
+    ----------
+    crease
+        Which of the cell's creases is driven. At a closing crease of a cell whose walls have no thickness
+        a motor has no leverage in the flat state.
+    direction
+        Sense of the shaft when the crease's inner angle grows.
+    gear_ratio
+        Shaft turns per turn of the crease.
+    zero_rad
+        Shaft position at which the crease's inner angle is 0.
+    max_crease_velocity_rad_s, max_crease_acceleration_rad_s2
+        Limits of the crease itself; without them the actuator's own count.
+    """
+
+    crease: Crease
+    direction: Literal[1, -1] = 1
+    gear_ratio: _Positive = 1.0
+    zero_rad: _Finite = 0.0
+    max_crease_velocity_rad_s: _Positive | None = None
+    max_crease_acceleration_rad_s2: _Positive | None = None
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class Hinge(Drive):
+    """One driven crease of one cell, by name."""
+
+    actuator: _Name
+    cell: _Name
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class CellTemplate(Drive):
+    """What every cell gets that has no hinge of its own in the file."""
+
+    actuator: ActuatorLimits
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class LatchModel:
+    """A kind of latch, its limits and its patience.
+
+    Attributes
+    ----------
+    kind
+        magnet: passive, closes and opens by being brought together and pulled apart. electromagnet:
+        holds while energised. lock_pin: driven in and out.
+    timeout_s
+        How long closing or opening may take before it counts as failed.
+    capture_range_rad
+        How far a crease may be from closed for the latch to take hold.
+    max_on_s, duty_cycle
+        electromagnet only: longest time energised from cold, and the fraction of time it can be on for
+        ever; with `duty_cycle = 1` it never trips.
+    travel_s
+        lock_pin only: time to drive home.
+    """
+
+    kind: LatchKind
+    timeout_s: _Positive = 3.0
+    capture_range_rad: _Positive = 0.03
+    max_on_s: _Positive | None = None
+    duty_cycle: _Fraction | None = None
+    travel_s: _Positive | None = None
+
+    @model_validator(mode="after")
+    def _keys_belong_to_the_kind(self) -> LatchModel:
+        wanted = {"magnet": set(), "electromagnet": {"max_on_s", "duty_cycle"}, "lock_pin": {"travel_s"}}
+        for key in ("max_on_s", "duty_cycle", "travel_s"):
+            needed = key in wanted[self.kind]
+            if needed and getattr(self, key) is None:
+                raise ValueError(f"a latch of kind {self.kind} needs {key}")
+            if not needed and getattr(self, key) is not None:
+                raise ValueError(f"{key} does not belong to a latch of kind {self.kind}")
+        return self
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class Latch(LatchModel):
+    """One latch.
+
+    Attributes
+    ----------
+    secures
+        A slit ("slit:P-T2"), a cell that touches no inner vertex ("cell:c3"), or "stow".
+    """
+
+    id: _Name
+    secures: _Name
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class PassiveCreases:
+    """Limits of the creases that no actuator drives; without them they have none."""
+
+    max_velocity_rad_s: _Positive | None = None
+    max_acceleration_rad_s2: _Positive | None = None
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class ControllerSettings:
+    """When the controller refuses, slows, stops or gives up. Angles are those of the driven creases.
+
+    Attributes
+    ----------
+    path_tolerance_rad
+        Measured against commanded while under way; has to cover the servo's lag at full speed.
+    start_tolerance_rad
+        Measured against the path before a motion starts.
+    goal_tolerance_rad
+        Measured against the end of the path before latches engage and before "stowed".
+    settle_timeout_s
+        How long reaching `goal_tolerance_rad` may take.
+    max_reading_age_s
+        An older reading counts as lost.
+    lost_replies_allowed
+        Replies in a row that a hinge or latch may lose without effect.
+    hold_ramp_s
+        Time from full rate to rest along the path; longer where an actuator's acceleration demands it.
+    align_velocity_rad_s
+        Speed at which cells are brought into step before a motion.
+    max_temperature_c, min_voltage_v
+        Beyond these the structure is stopped.
+    health_period_s
+        How often temperatures, voltages, errors and resting latches are read.
+    at_close
+        Whether hinges keep holding or go limp when the controller lets go of the bus.
+    """
+
+    path_tolerance_rad: _Positive = 0.10
+    start_tolerance_rad: _Positive = 0.05
+    goal_tolerance_rad: _Positive = 0.02
+    settle_timeout_s: _Positive = 2.0
+    max_reading_age_s: _Positive = 0.05
+    lost_replies_allowed: _Count = 2
+    hold_ramp_s: _Positive = 0.25
+    align_velocity_rad_s: _Positive = 0.1
+    max_temperature_c: _Finite = 70.0
+    min_voltage_v: _NonNegative = 10.0
+    health_period_s: _Positive = 0.05
+    at_close: Literal["hold", "relax"] = "hold"
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class MockSettings:
+    """The simulated servos, all alike. Angles and torques are those of the shaft.
+
+    Attributes
+    ----------
+    seed
+        Of the measurement noise.
+    time_constant_s
+        Of the first-order position response.
+    noise_rad, encoder_step_rad
+        Standard deviation and resolution of measured positions.
+    backlash_rad
+        Free play between shaft and crease.
+    load_nm
+        Steady torque that the structure asks of every servo.
+    supply_v, supply_ohm, ambient_c
+        Supply without load, its inner resistance, and the surroundings.
+    """
+
+    seed: _Count = 1
+    time_constant_s: _Positive = 0.03
+    noise_rad: _NonNegative = 0.001
+    encoder_step_rad: _Positive = 0.001534
+    backlash_rad: _NonNegative = 0.005
+    load_nm: _NonNegative = 0.3
+    supply_v: _Positive = 12.0
+    supply_ohm: _NonNegative = 0.05
+    ambient_c: _Finite = 23.0
+
+
+@dataclass(frozen=True, config=_STRICT, kw_only=True)
+class Rig:
+    """A rig file as it stands; `ori_deploy.actuators.resolve.resolve_rig` fits it to a design.
+
+    `source` and `sha256` say which file it came from; they are not keys of the file.
+    """
+
+    schema: Literal["ori-deploy/rig/1"]
+    backend: Literal["mock"]
+    rate_hz: _Positive
+    actuator: tuple[Actuator, ...] = ()
+    hinge: tuple[Hinge, ...] = ()
+    latch: tuple[Latch, ...] = ()
+    each_cell: CellTemplate | None = None
+    each_latch_point: LatchModel | None = None
+    passive_creases: PassiveCreases = PassiveCreases()
+    controller: ControllerSettings = ControllerSettings()
+    mock: MockSettings = MockSettings()
+    source: str | None = None
+    sha256: str = ""
+
+
+_RIG = TypeAdapter(Rig)
+
+
+def load_rig(path: str | Path) -> Rig:
+    """Read and validate a rig file.
+
+    Raises
+    ------
+    RigError
+        Naming the file, the key, the value, the rule and the remedy.
+    """
+    source = str(path)
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise RigError(
+            "the rig file cannot be read", value=error.strerror, remedy="check the path", source=source
+        ) from error
+    try:
+        document = tomllib.loads(data.decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise RigError(
+            "the rig file is not TOML", value=error, remedy="correct the line named", source=source
+        ) from error
+    return replace(parse_rig(document, source), sha256=hashlib.sha256(data).hexdigest())
+
+
+def parse_rig(document: dict[str, Any], source: str | None = None) -> Rig:
+    """Validate a rig given as the tables of its file.
+
+    Raises
+    ------
+    RigError
+        As `load_rig`.
+    """
+    for key in ("source", "sha256"):  # attributes of Rig that a file may not set
+        if key in document:
+            raise RigError(f"unknown key {key}", remedy="remove it", source=source)
+    try:
+        rig: Rig = _RIG.validate_python(document)
+    except ValidationError as error:
+        raise _rig_error(error.errors(include_url=False), source) from error
+    return replace(rig, source=source)
+
+
+def _rig_error(errors: list[ErrorDetails], source: str | None) -> RigError:
+    """The first thing that pydantic found, in this package's words."""
+    first = errors[0]
+    key = ""
+    for part in first["loc"]:
+        key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else str(part)
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    kind = first["type"]
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        return RigError(
+            f"unknown key {key}{more}",
+            value=first["input"],
+            limit="only keys of the rig schema",
+            remedy="correct its spelling or remove it",
+            source=source,
+        )
+    if kind in ("missing", "missing_argument"):
+        return RigError(f"missing key {key}{more}", remedy="add it", source=source)
+    is_table = isinstance(first["input"], dict)
+    return RigError(
+        f"{key or 'rig'}{more}",
+        value=None if is_table else repr(first["input"]),
+        limit=first["msg"].removeprefix("Value error, "),
+        remedy="give a value inside the limit",
+        source=source,
+    )
