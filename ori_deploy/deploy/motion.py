@@ -1,0 +1,204 @@
+"""Motion along the path, through one variable.
+
+Everything that stops, slows or turns a motion does it here, through the rate of the path variable, so that
+all cells stay in step whatever happens.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ori_deploy.actuators.resolve import ResolvedRig
+from ori_deploy.deploy.path import PathTable
+
+FloatArray = NDArray[np.float64]
+
+
+class PathVariable:
+    """A position with a rate in [-1, 1] that changes with bounded slope.
+
+    Parameters
+    ----------
+    position, lower, upper
+        Where it stands and the ends at which it stops.
+    slew_per_s
+        Largest change of the rate per second.
+    """
+
+    def __init__(self, position: float, lower: float, upper: float, slew_per_s: float) -> None:
+        self.position = position
+        self.rate = 0.0
+        self._lower = lower
+        self._upper = upper
+        self._slew = slew_per_s
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the rate is exactly zero."""
+        return self.rate == 0.0
+
+    def advance(self, duration_s: float, target_rate: float) -> None:
+        """Move on, bringing the rate as near to the target as its slope allows; rest at an end."""
+        change = self._slew * duration_s
+        rate = self.rate + min(max(target_rate - self.rate, -change), change)
+        self.position += 0.5 * (self.rate + rate) * duration_s
+        self.rate = rate
+        if not self._lower < self.position < self._upper:
+            outward = rate > 0.0 if self.position >= self._upper else rate < 0.0
+            self.position = min(max(self.position, self._lower), self._upper)
+            if outward:  # the plan itself comes to rest at its ends
+                self.rate = 0.0
+
+    def at_end(self, direction: float) -> bool:
+        """Whether it rests at the upper (direction above 0) or lower end."""
+        return self.at_rest and self.position == (self._upper if direction > 0.0 else self._lower)
+
+    def halt(self) -> None:
+        """Rest at once: for when nothing can be commanded any more."""
+        self.rate = 0.0
+
+
+class Approach:
+    """A short move from where every shaft stands to its place on the path, all arriving together.
+
+    It starts and ends at rest (a cubic ease), and like the path it has one variable, whose rate can be
+    brought to zero at any moment. Cells are less than the step tolerance apart when it begins, and no
+    farther at any point of it.
+
+    Parameters
+    ----------
+    start_rad, target_rad
+        (n_hinges,) shaft positions.
+    rig
+        Gives the gear ratios and `align_velocity_rad_s`.
+    slew_per_s
+        As in `PathVariable`.
+    """
+
+    SHORTEST_S = 0.2
+
+    def __init__(self, start_rad: FloatArray, target_rad: FloatArray, rig: ResolvedRig, slew_per_s: float) -> None:
+        self._start = start_rad
+        self._way = target_rad - start_rad
+        farthest = float(np.abs(self._way / rig.shaft_per_crease).max())
+        # The ease peaks at 1.5 times its mean speed.
+        self._duration_s = max(self.SHORTEST_S, 1.5 * farthest / rig.controller.align_velocity_rad_s)
+        self.variable = PathVariable(0.0, 0.0, self._duration_s, slew_per_s)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every shaft has been told to be on the path."""
+        return self.variable.position >= self._duration_s
+
+    def shaft(self) -> FloatArray:
+        """(n_hinges,) shaft positions now."""
+        u = self.variable.position / self._duration_s
+        position: FloatArray = self._start + u * u * (3.0 - 2.0 * u) * self._way
+        return position
+
+
+def rate_slew(table: PathTable, rig: ResolvedRig) -> float:
+    """Slope of the path rate, 1/s, for a controlled stop.
+
+    As steep as `hold_ramp_s` asks, but never so steep that the change of rate alone takes more than an
+    actuator's acceleration: `shaft acceleration = shaft_rate * slope` on top of the plan's own.
+    """
+    wanted = 1.0 / rig.controller.hold_ramp_s
+    speed = np.abs(table.shaft_rate_rad_s).max(axis=0)
+    limits = np.array([actuator.max_acceleration_rad_s2 for actuator in rig.actuators])
+    possible = np.divide(limits, speed, out=np.full_like(speed, np.inf), where=speed > 0.0)
+    return min(wanted, float(possible.min()))
+
+
+class Motion:
+    """The goals of all hinges, from wherever they stand onto the path and along it.
+
+    Attributes
+    ----------
+    goal
+        (n_hinges,) shaft positions to command; NaN when the hinges are not told to hold.
+    direction
+        1 towards fold 1, -1 towards fold 0.
+    slew_per_s
+        Slope of the path rate.
+    """
+
+    def __init__(self, table: PathTable, rig: ResolvedRig) -> None:
+        self._table = table
+        self._rig = rig
+        self._period_s = 1.0 / rig.rate_hz
+        self.slew_per_s = rate_slew(table, rig)
+        self._path = PathVariable(0.0, 0.0, table.duration_s, self.slew_per_s)
+        self._approach: Approach | None = None
+        self._placed = False
+        self.goal = np.full(len(rig.hinges), np.nan)
+        self.direction = 1.0
+
+    def stand(self, goal: FloatArray) -> None:
+        """Hold these positions, on the path or not."""
+        self._approach, self._placed = None, False
+        self.goal = goal
+
+    def let_go(self) -> None:
+        """Hold nothing."""
+        self.stand(np.full_like(self.goal, np.nan))
+
+    def go(self, place_s: float, direction: float) -> None:
+        """From the present goals to the path at `place_s`, then along it."""
+        self._path = PathVariable(place_s, 0.0, self._table.duration_s, self.slew_per_s)
+        self._approach = Approach(self.goal, self._table.shaft_at(place_s), self._rig, self.slew_per_s)
+        self._placed = True
+        self.direction = direction
+
+    @property
+    def holding(self) -> bool:
+        """Whether there are goals."""
+        return not np.isnan(self.goal[0])
+
+    @property
+    def on_path(self) -> bool:
+        """Whether the goals are the path's."""
+        return self._placed and self._approach is None
+
+    @property
+    def rate(self) -> float:
+        """Rate of the variable in use, with the sign of the direction."""
+        return self._path.rate if self._approach is None else self.direction * self._approach.variable.rate
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the rate is exactly zero."""
+        return self.rate == 0.0
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the goals are the end of the path in the direction of the motion, at rest."""
+        return self.on_path and self._path.at_end(self.direction)
+
+    @property
+    def path_time_s(self) -> float:
+        """Place on the path; NaN while it is not known."""
+        return self._path.position if self._placed else np.nan
+
+    @property
+    def fold(self) -> float:
+        """Fold at that place; NaN while it is not known."""
+        return self._table.fold_at(self._path.position) if self._placed else np.nan
+
+    def advance(self, rate: float) -> None:
+        """One period on, the rate brought towards `rate` (0 to 1) in the direction of the motion."""
+        if self._approach is not None:
+            self._approach.variable.advance(self._period_s, rate)
+            self.goal = self._approach.shaft()
+            if self._approach.finished:
+                self._approach = None
+        elif self._placed:
+            self._path.advance(self._period_s, self.direction * rate)
+            self.goal = self._table.shaft_at(self._path.position)
+
+    def halt(self) -> None:
+        """Rest at once: for when nothing can be commanded any more."""
+        self._path.halt()
+        if self._approach is not None:
+            self._approach.variable.halt()

@@ -1,0 +1,172 @@
+"""What a run leaves behind: faults, cycle records, results."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ori_deploy.actuators.bus import HealthReadings, HingeReadings, LatchReading
+from ori_deploy.deploy.states import State, Transition
+from ori_deploy.errors import InputError
+from ori_deploy.motion.plan import StageName
+
+FloatArray = NDArray[np.float64]
+
+
+class StartRefused(InputError):
+    """The controller does not know where the structure is, or it is off its path; nothing moved."""
+
+
+class FaultKind(StrEnum):
+    """Why a motion was stopped."""
+
+    PATH_TOLERANCE = auto()
+    GOAL_TOLERANCE = auto()
+    OUT_OF_STEP = auto()
+    LOST_REPLIES = auto()
+    OVER_TEMPERATURE = auto()
+    LOW_VOLTAGE = auto()
+    HARDWARE_ERROR = auto()
+    TORQUE_LOST = auto()
+    LATCH_TIMEOUT = auto()
+    LATCH_TRIPPED = auto()
+    LATCH_LOST = auto()
+    LATCH_SENSOR = auto()
+    COMMAND_REFUSED = auto()
+    BUS_CLOSED = auto()
+    BUS_ERROR = auto()
+    INTERRUPTED = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A latched reason to stand still.
+
+    Attributes
+    ----------
+    kind
+        For programs.
+    thing
+        What it is about: an actuator, a cell or a latch, by name.
+    detail
+        Value and limit, for people.
+    remedy
+        What to do before `clear_fault`.
+    time_s
+        When it was found.
+    """
+
+    kind: FaultKind
+    thing: str
+    detail: str
+    remedy: str
+    time_s: float
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.thing}: {self.detail}; remedy: {self.remedy}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CycleRecord:
+    """Everything about one cycle of the control loop.
+
+    Attributes
+    ----------
+    index
+        Number of the cycle since the controller was made.
+    time_s, deadline_s
+        When it began and when it should have.
+    state, stage
+        At the end of the cycle; `stage` is None when nothing is being carried out.
+    path_time_s, rate, rate_limit
+        Path variable, its rate, and the largest rate that the cells' being out of step leaves it.
+    commanded_fold
+        Fold at the path variable, in [0, 1]; NaN while the place on the path is unknown.
+    commanded_rad
+        (n_hinges,) shaft goals last sent; NaN before the first.
+    readings
+        Of this cycle; not valid where replies were lost.
+    folds
+        (n_cells,) measured fold of every cell; NaN where not valid.
+    health, latches
+        Read in this cycle, or None.
+    lost_replies, overruns
+        Totals since the controller was made.
+    transitions
+        Changes of state since the previous record.
+    fault
+        The latched fault, or None.
+    """
+
+    index: int
+    time_s: float
+    deadline_s: float
+    state: State
+    stage: StageName | None
+    path_time_s: float
+    rate: float
+    rate_limit: float
+    commanded_fold: float
+    commanded_rad: FloatArray
+    readings: HingeReadings
+    folds: FloatArray
+    health: HealthReadings | None
+    latches: tuple[LatchReading, ...] | None
+    lost_replies: int
+    overruns: int
+    transitions: tuple[Transition, ...]
+    fault: Fault | None
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    SUCCEEDED = auto()
+    HELD = auto()
+    STOPPED = auto()
+    FAULT = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class MotionResult:
+    """How a command ended.
+
+    Attributes
+    ----------
+    command
+        "deploy" or "stow".
+    outcome
+        SUCCEEDED: deployed with every latch confirmed, or stowed and measured so. HELD: at rest on the
+        operator's word, can be resumed. STOPPED: at rest, given up on the operator's word. FAULT: at rest
+        with `fault`.
+    state
+        State of the controller at the end.
+    fault
+        The latched fault, or None.
+    duration_s, cycles, overruns, lost_replies
+        Since the command was given.
+    worst_tracking_rad, worst_tracking_hinge
+        Largest distance between commanded and measured, at the driven crease, and the actuator's id.
+    observer_errors
+        What went wrong in observers, such as a full disk; the motion went on without them.
+    """
+
+    command: str
+    outcome: Outcome
+    state: State
+    fault: Fault | None
+    duration_s: float
+    cycles: int
+    overruns: int
+    lost_replies: int
+    worst_tracking_rad: float
+    worst_tracking_hinge: str
+    observer_errors: tuple[str, ...]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the structure is where the command wanted it, secured and measured."""
+        return self.outcome is Outcome.SUCCEEDED

@@ -1,0 +1,421 @@
+"""What the controller promises when nothing breaks, and what operators may do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ori_deploy.actuators.bus import BusClosed, CommandRefused
+from ori_deploy.deploy.localise import Localiser
+from ori_deploy.deploy.path import PathTable
+from ori_deploy.deploy.result import CycleRecord, FaultKind, Outcome, StartRefused
+from ori_deploy.deploy.states import IllegalCommand, State
+from tests.deploy.synthetic import Bench, bench, synthetic_plan
+
+PIN = {"id": "pin", "secures": "slit:P-T2", "kind": "lock_pin", "travel_s": 0.3, "timeout_s": 1.0}
+STOW_LOCK = {
+    "id": "lock",
+    "secures": "stow",
+    "kind": "electromagnet",
+    "max_on_s": 5.0,
+    "duty_cycle": 1.0,
+    "timeout_s": 1.0,
+}
+
+
+def states(b: Bench) -> list[str]:
+    return [str(t.target) for record in b.records for t in record.transitions]
+
+
+def largest_step(b: Bench) -> float:
+    """Largest change of a command from one cycle to the next, at the crease, as a rate."""
+    goals = np.array([record.commanded_rad for record in b.records]) / 4.0
+    return float(np.abs(np.diff(goals, axis=0)).max()) * b.rig.rate_hz
+
+
+def peak_crease_rate(b: Bench) -> float:
+    return float(np.abs(b.rig.driven(b.plan.crease_rates_rad_s)).max())
+
+
+@pytest.mark.parametrize("n_cells", [1, 4, 12])
+@pytest.mark.parametrize("curvature", [0.0, 0.3])
+def test_deploys_and_stows(n_cells: int, curvature: float) -> None:
+    b = bench(synthetic_plan(n_cells, curvature=curvature), latch=[PIN, STOW_LOCK])
+    b.controller.deploy()
+    result = b.controller.run()
+    assert result.succeeded
+    assert result.state is State.DEPLOYED
+    assert all(b.bus.truly_closed(latch.id) for latch in b.rig.latches)
+    assert not b.bus.truly_closed("lock")
+    np.testing.assert_allclose(b.records[-1].folds, 1.0, atol=0.01)
+    b.controller.stow()
+    result = b.controller.run()
+    assert result.succeeded
+    assert result.state is State.STOWED
+    assert b.bus.truly_closed("lock")
+    assert not any(b.bus.truly_closed(latch.id) for latch in b.rig.latches)
+    np.testing.assert_allclose(b.records[-1].folds, 0.0, atol=0.01)
+    assert states(b) == [
+        "ready", "armed", "latching", "moving", "latching", "deployed", "latching", "moving", "latching", "stowed",
+    ]  # fmt: skip
+
+
+def test_a_run_can_be_repeated_exactly() -> None:
+    runs = []
+    for _ in range(2):
+        b = bench()
+        b.controller.deploy()
+        result = b.controller.run()
+        runs.append((result, np.array([record.readings.position_rad for record in b.records])))
+    assert runs[0][0] == runs[1][0]
+    np.testing.assert_array_equal(runs[0][1], runs[1][1])
+
+
+def test_motion_follows_the_plan_in_time_and_speed() -> None:
+    b = bench()
+    b.controller.deploy()
+    result = b.controller.run()
+    # The plan's two seconds, the alignment, the ramp to full rate, and the latches.
+    assert 2.0 < result.duration_s < 3.0
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+    assert result.worst_tracking_rad < b.rig.controller.path_tolerance_rad / 2.0
+    assert max(np.ptp(record.folds) for record in b.records) < 0.02
+
+
+def test_arming_moves_nothing() -> None:
+    b = bench(start_fold=0.4, armed=False)
+    before = b.bus.true_shaft_rad
+    b.controller.connect()
+    b.steps(20)
+    assert not b.bus.true_torque_on.any()
+    b.controller.arm()
+    b.steps(50)
+    assert b.bus.true_torque_on.all()
+    np.testing.assert_allclose(b.bus.true_shaft_rad, before, atol=0.01)
+
+
+@pytest.mark.parametrize("fold", [0.0, 0.03, 0.5, 0.97, 1.0])
+@pytest.mark.parametrize("command", ["deploy", "stow"])
+def test_starts_wherever_on_the_path_it_stands_without_a_jump(fold: float, command: str) -> None:
+    b = bench(start_fold=fold)
+    getattr(b.controller, command)()
+    assert b.controller.run().succeeded
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+    for before, record in pairwise(b.records):  # the rate changes gently, but may end where the plan rests
+        assert record.rate == 0.0 or abs(record.rate - before.rate) <= 0.0401
+
+
+def test_small_misalignment_of_cells_is_taken_out_slowly_before_the_motion() -> None:
+    b = bench(start_fold=0.5, armed=False)
+    for hinge, push in (("servo_c1", 0.08), ("servo_c3", -0.1)):
+        b.bus.push(hinge, push)  # 0.02 and 0.025 rad at the crease
+    b.controller.connect()
+    b.controller.arm()
+    seeded = b.bus._servos.goal_rad.copy()
+    b.controller.deploy()
+    record = b.controller.step()
+    np.testing.assert_allclose(record.commanded_rad, seeded, rtol=0, atol=1e-6)
+    while np.isclose(record.commanded_fold, b.records[0].commanded_fold) or record.state is State.LATCHING:
+        record = b.controller.step()
+    aligning = np.array([r.commanded_rad for r in b.records[:-1]]) / 4.0
+    assert np.abs(np.diff(aligning, axis=0)).max() * 100.0 <= b.rig.controller.align_velocity_rad_s * 1.001
+    assert b.controller.run().succeeded
+
+
+def test_start_is_refused_when_a_hinge_is_silent_and_nothing_moves() -> None:
+    b = bench()
+    b.bus.mute("servo_c2")
+    with pytest.raises(StartRefused, match="no valid position from servo_c2"):
+        b.controller.deploy()
+    assert b.controller.state is State.ARMED
+    b.bus.unmute("servo_c2")
+    b.controller.deploy()
+    assert b.controller.run().succeeded
+
+
+def test_start_survives_as_many_lost_replies_as_the_motion() -> None:
+    b = bench()
+    b.bus.drop_replies("servo_c2", 2)
+    b.controller.deploy()
+    assert b.controller.run().succeeded
+
+
+def test_start_is_refused_when_a_cell_was_moved_off_the_path() -> None:
+    b = bench(start_fold=0.5, armed=False)
+    b.bus.push("servo_c4", -0.5)
+    b.controller.connect()
+    b.controller.arm()
+    with pytest.raises(StartRefused, match="cell c4 is off the path"):
+        b.controller.deploy()
+    assert b.controller.state is State.ARMED
+
+
+def test_start_is_refused_when_an_actuator_is_hot() -> None:
+    b = bench()
+    b.bus.overheat("servo_c3", 75.0)
+    with pytest.raises(StartRefused, match=r"servo_c3.*75.0 °C.*limit: 70"):
+        b.controller.deploy()
+
+
+def test_arming_is_refused_when_a_hinge_does_not_say_where_it_is() -> None:
+    b = bench(armed=False)
+    b.controller.connect()
+    b.bus.mute("servo_c1")
+    with pytest.raises(CommandRefused, match="servo_c1"):
+        b.controller.arm()
+    assert b.controller.state is State.READY
+    assert not b.bus.true_torque_on.any()
+
+
+def test_hold_brings_all_cells_to_rest_in_step_and_resume_goes_on() -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.4)
+    b.controller.hold()
+    start = len(b.records)
+    localiser = Localiser(PathTable.build(b.plan, b.rig))
+    b.step_to_rest()
+    assert len(b.records) - start <= 26  # hold_ramp_s and one cycle
+    for record in b.records[start:]:
+        commanded = localiser.folds(record.commanded_rad)
+        assert np.ptp(commanded) < 1e-9
+        np.testing.assert_allclose(commanded, record.commanded_fold, atol=1e-5)
+    rates = [record.rate for record in b.records[start - 1 :]]
+    assert all(later <= earlier for earlier, later in pairwise(rates))
+    resting = b.steps(30)
+    np.testing.assert_array_equal(resting.commanded_rad, b.records[-25].commanded_rad)
+    result = b.controller.run()
+    assert result.outcome is Outcome.HELD
+    assert result.state is State.HOLD
+    b.controller.resume()
+    assert b.controller.run().succeeded
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+
+
+@pytest.mark.parametrize("fold", [0.001, 0.2, 0.8])
+def test_stop_gives_up_and_the_other_way_is_open(fold: float) -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(fold)
+    b.controller.stop()
+    result = b.controller.run()
+    assert result.outcome is Outcome.STOPPED
+    assert result.state is State.ARMED
+    b.controller.stow()
+    assert b.controller.run().succeeded
+    assert b.controller.state is State.STOWED
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+
+
+def test_hold_while_aligning_freezes_the_alignment() -> None:
+    b = bench(start_fold=0.5)
+    b.controller.deploy()
+    b.steps(6)
+    b.controller.hold()
+    b.step_to_rest()
+    held = b.steps(10).commanded_rad
+    np.testing.assert_array_equal(b.steps(10).commanded_rad, held)
+    b.controller.resume()
+    assert b.controller.run().succeeded
+
+
+def test_hold_while_latching_starts_the_wait_again() -> None:
+    b = bench(latch=[PIN])
+    b.controller.deploy()
+    while b.controller.step().stage != "latch":
+        pass
+    b.steps(3)
+    b.controller.hold()
+    b.steps(300)  # far longer than the latch's timeout
+    b.controller.resume()
+    assert b.controller.run().succeeded
+
+
+COMMANDS: dict[str, Callable[[Bench], object]] = {
+    name: (lambda b, name=name: getattr(b.controller, name)())
+    for name in ("connect", "arm", "disarm", "deploy", "stow", "hold", "resume", "stop", "clear_fault")
+}
+
+
+@pytest.mark.parametrize("command", ["connect", "arm", "disarm", "deploy", "stow", "resume", "clear_fault"])
+def test_a_command_that_does_not_belong_into_a_motion_changes_nothing(command: str) -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    with pytest.raises(IllegalCommand, match=rf"{command}.*moving.*hold, stop"):
+        COMMANDS[command](b)
+    assert b.controller.run().succeeded
+
+
+def test_step_needs_a_connection_and_result_a_command() -> None:
+    b = bench(armed=False)
+    with pytest.raises(IllegalCommand, match="step"):
+        b.controller.step()
+    b.controller.connect()
+    with pytest.raises(IllegalCommand, match="result"):
+        b.controller.run()
+
+
+def test_connecting_to_nothing_says_so() -> None:
+    b = bench(armed=False)
+    b.bus.unplug()
+    with pytest.raises(BusClosed):
+        b.controller.connect()
+    assert b.controller.state is State.DISCONNECTED
+
+
+def test_disarm_lets_go() -> None:
+    b = bench()
+    b.controller.deploy()
+    b.controller.run()
+    b.controller.disarm()
+    assert b.controller.state is State.READY
+    assert not b.bus.true_torque_on.any()
+    b.steps(10)
+    with pytest.raises(IllegalCommand, match="result"):
+        b.controller.result()
+
+
+@pytest.mark.parametrize(("at_close", "holds"), [("hold", True), ("relax", False)])
+def test_closing_in_mid_motion_first_comes_to_rest_along_the_path(at_close: str, holds: bool) -> None:
+    b = bench(controller={"at_close": at_close})
+    with b.controller:
+        b.controller.deploy()
+        b.step_until_fold(0.5)
+        count = len(b.records)
+    assert b.controller.state is State.DISCONNECTED
+    assert not b.bus.connected
+    assert b.records[-1].rate == 0.0
+    assert 20 <= len(b.records) - count <= 27
+    assert b.bus.true_torque_on.all() == holds
+    b.controller.close()  # again: nothing happens
+    assert b.controller.fault is not None
+    assert b.controller.fault.kind is FaultKind.INTERRUPTED
+
+
+class Boom(Exception):
+    pass
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
+def test_whatever_interrupts_a_run_the_structure_comes_to_rest_and_the_error_goes_on(
+    error: type[BaseException],
+) -> None:
+    b = bench()
+
+    def interrupt(record: CycleRecord) -> None:
+        if record.state is State.MOVING and record.stage == "open" and record.commanded_fold > 0.4:
+            raise error
+
+    b.controller.add_observer(interrupt)
+    b.controller.deploy()
+    with pytest.raises(error):
+        b.controller.run()
+    assert b.records[-1].rate == 0.0
+    assert b.controller.state is State.FAULT
+    assert b.controller.fault is not None
+    assert b.controller.fault.kind is FaultKind.INTERRUPTED
+    assert error.__name__ in b.controller.fault.detail
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+    b.controller.clear_fault()
+    b.controller.stow()
+    assert b.controller.run().succeeded
+
+
+def test_a_bus_that_raises_something_unheard_of_ends_in_rest_and_the_error_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.4)
+    sound = b.bus._read_hinges
+
+    def broken() -> object:
+        monkeypatch.setattr(b.bus, "_read_hinges", sound)
+        raise Boom
+
+    monkeypatch.setattr(b.bus, "_read_hinges", broken)
+    with pytest.raises(Boom):
+        b.controller.run()
+    assert b.records[-1].rate == 0.0
+    assert b.controller.state is State.FAULT
+
+
+def test_a_bus_that_keeps_raising_leaves_the_last_goals_and_the_first_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.4)
+    monkeypatch.setattr(b.bus, "_read_hinges", lambda: (_ for _ in ()).throw(Boom("first")))
+    with pytest.raises(Boom, match="first"):
+        b.controller.run()
+    assert b.controller.state is State.FAULT
+    assert not b.controller.under_way
+
+
+def test_an_observer_that_fails_is_reported_and_the_motion_finishes() -> None:
+    b = bench()
+    calls = 0
+
+    def full_disk(_: CycleRecord) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == 50:
+            raise OSError("No space left on device")
+
+    b.controller.add_observer(full_disk)
+    b.controller.deploy()
+    result = b.controller.run()
+    assert result.succeeded
+    assert result.observer_errors == ("OSError: No space left on device",)
+    assert calls == 50
+    assert len(b.records) > 200
+
+
+def test_late_cycles_are_counted_and_never_made_up_for_by_a_jump() -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.4)
+    b.bus.delay_reads(1, 0.034)  # three deadlines pass
+    b.steps(10)
+    b.bus.delay_reads(1, 0.0101)
+    result = b.controller.run()
+    assert result.succeeded
+    assert result.overruns == 4
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+    deadlines = np.array([record.deadline_s for record in b.records])
+    np.testing.assert_allclose((deadlines - deadlines[0]) * 100.0 % 1.0 % 0.999999, 0.0, atol=1e-5)
+
+
+def test_time_between_commands_is_no_overrun() -> None:
+    b = bench()
+    b.steps(3)
+    b.clock.sleep_until(b.clock.now() + 60.0)
+    b.controller.deploy()
+    assert b.controller.run().overruns == 0
+
+
+def test_deploy_needs_another_word_once_deployed() -> None:
+    b = bench(start="deployed")
+    b.controller.deploy()  # armed somewhere: deploying confirms what is already so
+    assert b.controller.run().succeeded
+    with pytest.raises(IllegalCommand, match=r"deploy.*stow"):
+        b.controller.deploy()
+
+
+def test_records_carry_what_was_read_and_when() -> None:
+    b = bench()
+    b.controller.deploy()
+    b.controller.run()
+    times = np.array([record.time_s for record in b.records])
+    np.testing.assert_allclose(np.diff(times), 0.01, atol=1e-9)
+    assert [record.index for record in b.records] == list(range(len(b.records)))
+    health = [record.time_s for record in b.records if record.health is not None]
+    np.testing.assert_allclose(np.diff(health), b.rig.controller.health_period_s, atol=1e-9)
+    latching = [r for r in b.records if r.state is State.LATCHING and not r.transitions]
+    assert latching
+    assert all(record.latches is not None for record in latching)
