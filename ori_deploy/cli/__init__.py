@@ -1,0 +1,7 @@
+"""The command line: the only room that knows all the others."""
+
+from __future__ import annotations
+
+from ori_deploy.cli.commands import main
+
+__all__ = ["main"]

@@ -1,0 +1,68 @@
+"""The demo: the whole chain on real input, with everything it makes left in one folder."""
+
+from __future__ import annotations
+
+import math
+import sysconfig
+from pathlib import Path
+
+from ori_deploy.cli.commands import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
+from ori_deploy.cli.frame import EXIT_NOT_DONE, print_table
+from ori_deploy.cli.session import carry_out
+from ori_deploy.files import write_atomically
+from ori_deploy.telemetry.read import read_run
+from ori_deploy.telemetry.summary import summarise
+from ori_deploy.view import draw_plan, draw_section, draw_strip, draw_tracking, to_png, to_svg
+
+
+def _shipped(name: str) -> Path:
+    """A file of the examples: beside the package in a clone, under the prefix where installed."""
+    clone = Path(__file__).parents[2] / "examples" / name
+    return clone if clone.exists() else Path(sysconfig.get_path("data")) / "share" / "ori-deploy" / "examples" / name
+
+
+def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: bool) -> int:
+    """Run the demo; returns the exit status."""
+    spec = spec or _shipped("wing_naca2412.toml")
+    rig = rig or _shipped("rig_mock.toml")
+    name = spec.name.removesuffix(SPEC_ENDING)
+    design_file, plan_file, log = (
+        output / f"{name}{DESIGN_ENDING}",
+        output / f"{name}{PLAN_ENDING}",
+        output / "run.mcap",
+    )
+    built, data, _ = make_design(spec, design_file)
+    made = make_plan(design_file, rig, plan_file)
+    _, results = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
+    run = read_run(log)
+    figures = {
+        "section": draw_section(built.structure),
+        "strip": draw_strip(built.structure),
+        "plan": draw_plan(made),
+        "tracking": draw_tracking(run, made),
+    }
+    for figure_name, figure in figures.items():
+        write_atomically(output / f"{figure_name}.svg", to_svg(figure))
+        write_atomically(output / f"{figure_name}.png", to_png(figure))
+    write_report(output / "report.html", log, design_file, plan_file)
+    packaging, worst = data["packaging"], summarise(run).worst_tracking
+    print_table(
+        f"{name}: {', '.join(f'{r.command} {r.outcome}' for r in results)}",
+        [
+            ("packaging ratio eta", f"{packaging['eta']:.4f}"),
+            ("volume reduction", f"{100.0 * (1.0 - 1.0 / packaging['eta']):.1f} %"),
+            ("box ratio", f"{packaging['box_ratio']:.4f}"),
+            ("duration", ", ".join(f"{r.command} {r.duration_s:.2f} s" for r in results)),
+            (
+                "worst tracking error",
+                f"{math.degrees(worst.error_rad):.3f} deg (hinge {worst.hinge_id}, cell {worst.cell_id})",
+            ),
+            (
+                "smallest clearance",
+                f"{1e3 * made.check.smallest_clearance_m:.3f} mm ({' and '.join(made.check.clearance_panels)}, "
+                f"fold {made.check.clearance_fold:.2f})",
+            ),
+            ("report", str(output / "report.html")),
+        ],
+    )
+    return 0 if len(results) == 2 and all(r.succeeded for r in results) else EXIT_NOT_DONE

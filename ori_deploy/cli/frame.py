@@ -1,0 +1,58 @@
+"""What all commands share: how errors reach the user, how tables are printed."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ori_deploy.errors import InputError, OriDeployError
+
+EXIT_BAD_INPUT = 2
+EXIT_NOT_DONE = 1
+EXIT_INTERRUPTED = 130
+
+console = Console(highlight=False)
+
+
+class Commands(click.Group):
+    """A group whose commands end in one clear line and an exit status, never in a traceback.
+
+    0: done. 1: carried out, but the structure is not where it was meant to be. 2: bad input.
+    """
+
+    def invoke(self, ctx: click.Context) -> Any:
+        # What matters of a log message is in the result; a bug still shows its traceback.
+        logging.basicConfig(level=logging.CRITICAL)
+        try:
+            return super().invoke(ctx)
+        except InputError as wrong:
+            click.echo(f"error: {wrong}", err=True)
+            sys.exit(EXIT_BAD_INPUT)
+        except OriDeployError as failed:
+            click.echo(f"error: {failed}", err=True)
+            sys.exit(EXIT_NOT_DONE)
+        except KeyboardInterrupt:
+            click.echo("interrupted: the structure was brought to rest along its path", err=True)
+            sys.exit(EXIT_INTERRUPTED)
+
+
+def print_table(title: str, rows: Iterable[tuple[str, str]]) -> None:
+    """Two columns, names and values."""
+    table = Table(title=title, show_header=False, title_justify="left", title_style="bold")
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, value in rows:
+        table.add_row(escape(name), escape(value))
+    console.print(table)
+
+
+def warn(text: str) -> None:
+    """One line on the error stream."""
+    click.echo(f"warning: {text}", err=True)

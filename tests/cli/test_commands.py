@@ -1,0 +1,164 @@
+"""The command line as a user meets it, in processes of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+COMMANDS = ("design", "poses", "plan", "deploy", "stow", "report", "demo")
+
+
+def run(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "ori_deploy.cli", *(str(w) for w in words)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a design, a plan and a log of the example wing."""
+    folder = tmp_path_factory.mktemp("wing")
+    for words in (
+        ("design", EXAMPLES / "wing_naca2412.toml", "-o", "wing.design.json"),
+        ("plan", "wing.design.json", "--rig", EXAMPLES / "rig_mock.toml", "-o", "wing.plan.json"),
+        ("deploy", "wing.plan.json", "--rig", EXAMPLES / "rig_mock.toml", "--log", "run.mcap"),
+    ):
+        done = run(*words, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_help_lists_every_command_and_each_has_an_example(tmp_path: Path) -> None:
+    listing = run("--help", cwd=tmp_path).stdout
+    for name in COMMANDS:
+        assert f"\n  {name} " in listing
+        page = run(name, "--help", cwd=tmp_path).stdout
+        assert f"ori-deploy {name} " in page.split("Example:")[1]
+
+
+def test_files_in_files_out(made: Path) -> None:
+    assert json.loads((made / "wing.design.json").read_text())["packaging"]["eta"] == pytest.approx(2.1311, abs=5e-5)
+    assert json.loads((made / "wing.plan.json").read_text())["fold"][-1] == 1.0
+    assert (made / "run.mcap").stat().st_size > 10_000
+    assert not list(made.glob(".*")) + list(made.glob("*.partial"))
+
+
+def test_stow_starts_deployed_and_ends_stowed(made: Path) -> None:
+    done = run("stow", "wing.plan.json", "--rig", EXAMPLES / "rig_mock.toml", cwd=made)
+    assert done.returncode == 0, done.stderr
+    assert "state stowed" in done.stdout
+
+
+def test_explicit_rig_drives_the_same_wing(made: Path, tmp_path: Path) -> None:
+    rig = EXAMPLES / "rig_wing_explicit.toml"
+    assert run("plan", made / "wing.design.json", "--rig", rig, "-o", "x.plan.json", cwd=tmp_path).returncode == 0
+    done = run("deploy", "x.plan.json", "--rig", rig, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "state deployed" in done.stdout
+
+
+def test_poses_prints_every_panel_and_cells_can_fold_apart(made: Path) -> None:
+    done = run("poses", "wing.design.json", "--fold", "0.3", "--json", cwd=made)
+    panels = json.loads(done.stdout)
+    assert len(panels) == 16
+    for panel in panels:
+        matrix = np.array(panel["transform"])
+        assert np.allclose(matrix[:2, :2] @ matrix[:2, :2].T, np.eye(2))
+    apart = json.loads(
+        run("poses", "wing.design.json", "--fold", "0.3", "--fold-cell", "c2=0.5", "--json", cwd=made).stdout
+    )
+    same = [p["transform"] == q["transform"] for p, q in zip(panels, apart, strict=True)]
+    assert True in same
+    assert False in same
+    assert "turned" in run("poses", "wing.design.json", "--fold", "1", cwd=made).stdout
+
+
+def test_report_stands_alone(made: Path) -> None:
+    assert run("report", "run.mcap", "-o", "alone.html", cwd=made).returncode == 0
+    done = run("report", "run.mcap", "--design", "wing.design.json", "--plan", "wing.plan.json", cwd=made)
+    assert done.returncode == 0, done.stderr
+    page = (made / "run.html").read_text()
+    assert page.count("<svg") >= 4
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert (made / "alone.html").read_text().count("<svg") >= 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("design", "missing.toml"), "missing.toml: cannot be read"),
+        (("plan", "wing.plan.json", "--rig", EXAMPLES / "rig_mock.toml"), "key schema"),
+        (("plan", "wing.design.json", "--rig", "missing.toml"), "missing.toml"),
+        (("deploy", "wing.design.json", "--rig", EXAMPLES / "rig_mock.toml"), "key schema"),
+        (("poses", "wing.design.json", "--fold", "1.5"), "fold: outside the motion; found 1.5"),
+        (("poses", "wing.design.json", "--fold", "0.5", "--fold-cell", "c9=1"), "--fold-cell: unknown cell"),
+        (("poses", "wing.design.json", "--fold", "0.5", "--fold-cell", "c1=x"), "--fold-cell: not a number"),
+        (("poses", "wing.design.json", "--fold", "nan"), "fold: outside the motion"),
+        (("report", "wing.plan.json"), "wing.plan.json"),
+    ],
+)
+def test_bad_input_ends_in_one_line_and_status_2(made: Path, words: tuple[str | Path, ...], message: str) -> None:
+    before = sorted(made.iterdir())
+    done = run(*words, cwd=made)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(made.iterdir()) == before
+
+
+def test_colliding_slit_is_refused_and_leaves_no_plan(tmp_path: Path) -> None:
+    text = (EXAMPLES / "wing_naca2412.toml").read_text().replace('slits = [["P", "T2"]]', 'slits = [["P", "T1"]]')
+    (tmp_path / "graze.toml").write_text(text)
+    assert run("design", "graze.toml", cwd=tmp_path).returncode == 0
+    done = run("plan", "graze.design.json", "--rig", EXAMPLES / "rig_mock.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "reach into each other at fold 0.7" in done.stderr
+    assert "depth" in done.stderr
+    assert not (tmp_path / "graze.plan.json").exists()
+
+
+def test_demo_leaves_everything_it_promises(tmp_path: Path) -> None:
+    done = run("demo", EXAMPLES / "ellipse_6.toml", "-o", "demo", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for name in (
+        "ellipse_6.design.json",
+        "ellipse_6.plan.json",
+        "run.mcap",
+        "report.html",
+        "section.svg",
+        "strip.svg",
+    ):
+        assert (tmp_path / "demo" / name).stat().st_size > 1000
+    for row in ("packaging ratio eta", "volume reduction", "box ratio", "duration", "tracking error", "clearance"):
+        assert row in done.stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interruption_brings_it_to_rest_and_keeps_the_log(made: Path, tmp_path: Path, number: signal.Signals) -> None:
+    command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(made / "wing.plan.json")]
+    command += ["--rig", str(EXAMPLES / "rig_mock.toml"), "--log", "cut.mcap", "--realtime"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "-> moving" in line:
+                break
+        time.sleep(0.5)
+        os.kill(process.pid, number)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130, errors
+    assert "brought to rest" in errors
+    assert "Traceback" not in errors
+    done = run("report", "cut.mcap", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "interrupted" in (tmp_path / "cut.html").read_text()
