@@ -218,7 +218,8 @@ def test_any_ring_is_built_soundly_or_refused_with_a_reason(
     assert shapely.is_valid(polygons(s, 1e-4)).all()
 
 
-@settings(max_examples=25, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=60, deadline=None)
 @given(n=st.integers(3, 8), phase=st.floats(0.0, 6.2), aspect=st.floats(0.5, 1.0), wall=st.floats(0.0, 0.03))
 def test_random_rings_agree_with_the_oracle(n: int, phase: float, aspect: float, wall: float) -> None:
     try:

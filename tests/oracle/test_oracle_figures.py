@@ -146,6 +146,7 @@ def test_in_step_is_free(slit: str) -> None:
     assert area < NOISE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slit", "depth", "where", "pair"),
     [("T1", 2.6686e-3, 0.7924, ((0, 0), (3, 3))), ("B2", 1.6371e-3, 0.7754, ((0, 0), (2, 3)))],

@@ -1,0 +1,43 @@
+"""What the README and the package's docstring show is what happens."""
+
+from __future__ import annotations
+
+import doctest
+import re
+from pathlib import Path
+
+import pytest
+
+import ori_deploy
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def test_five_line_example_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(ROOT)
+    block = re.search(r"```python\n(.*?)```", README, re.DOTALL)
+    assert block is not None
+    names: dict[str, object] = {}
+    exec(block.group(1), names)
+    assert "eta 2.1311" in capsys.readouterr().out
+    assert names["half_open"].shape == (1, 16, 3, 3)  # type: ignore[attr-defined]
+
+
+def test_docstring_of_the_package_is_true(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    result = doctest.testmod(ori_deploy)
+    assert result.attempted >= 5
+    assert result.failed == 0
+
+
+def test_readme_fits_a_screen_or_two_and_shows_the_demo_early() -> None:
+    lines = README.splitlines()
+    assert len(lines) < 110
+    assert any("docs/fold.png" in line for line in lines[:15])
+    assert (ROOT / "docs" / "fold.png").stat().st_size > 10_000
+
+
+def test_every_file_the_readme_names_is_there() -> None:
+    for name in re.findall(r"`((?:examples|ori_deploy|tests|sim_backends)/[\w/.]*)`", README):
+        assert (ROOT / name).exists(), name
