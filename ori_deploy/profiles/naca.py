@@ -7,11 +7,15 @@ import re
 import numpy as np
 
 from ori_deploy.errors import ProfileError
+from ori_deploy.profiles.piecewise import interpolated
 from ori_deploy.profiles.profile import Points, Profile, Reals, Side
 
 _THICKNESS = np.array([0.2969, -0.1260, -0.3516, 0.2843, -0.1036])
 """Coefficients of sqrt(x), x, x^2, x^3, x^4 (Abbott & von Doenhoff, sec. 6.4); the last is the usual
 -0.1036 in place of -0.1015, which closes the trailing edge."""
+
+_ROUNDING = 4e-15
+"""Distance in chords between the formulas and the polynomials that stand in for them: a few roundings."""
 
 
 class Naca4(Profile):
@@ -51,6 +55,9 @@ class Naca4(Profile):
         self._thickness = int(code[2:]) / 100.0
         root = np.sqrt(self._place)
         breaks = [0.0, 1.0] if root == 0.0 else [0.0, 1.0 - root, 1.0, 1.0 + root]
+        self._curve = interpolated(
+            lambda s: self.chord_m * self._surface(s), np.array(breaks), 2.0, _ROUNDING * self.chord_m
+        )
         super().__init__(2.0, breaks, resolution)
 
     @property
@@ -65,48 +72,30 @@ class Naca4(Profile):
             return 1.0 - x_chord
         return chord_crossing(self, x_chord, side, nose=1.0)
 
-    def _camber_line(self, x: Reals) -> tuple[Reals, Reals, Reals]:
-        """Height, slope and second derivative of the camber line at `x` chords."""
+    def _camber_line(self, x: Reals) -> tuple[Reals, Reals]:
+        """Height and slope of the camber line at `x` chords."""
         if self._camber == 0.0:
-            zero = np.zeros_like(x)
-            return zero, zero, zero
+            return np.zeros_like(x), np.zeros_like(x)
         fore = x < self._place
         factor = self._camber / np.where(fore, self._place, 1.0 - self._place) ** 2
         constant = np.where(fore, 0.0, 1.0 - 2.0 * self._place)
-        return (
-            factor * (constant + 2.0 * self._place * x - x * x),
-            2.0 * factor * (self._place - x),
-            -2.0 * factor,
-        )
+        height = factor * (constant + 2.0 * self._place * x - x * x)
+        return height, 2.0 * factor * (self._place - x)
 
-    def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:
+    def _surface(self, s: Reals) -> Points:
+        """The section in chords at `s`, from the textbook's formulas."""
         sigma = s - 1.0
         r = np.abs(sigma)
         x = r * r
-        sign = np.where(sigma < 0.0, -1.0, 1.0)
-        y, slope, bend = self._camber_line(x)
-        scale = 5.0 * self._thickness
-        c0, c1, c2, c3, c4 = scale * _THICKNESS
+        y, slope = self._camber_line(x)
+        c0, c1, c2, c3, c4 = 5.0 * self._thickness * _THICKNESS
         half = r * (c0 + r * (c1 + x * (c2 + x * (c3 + x * c4))))
-        # The side's normal: +i e^(i theta) above, -i e^(i theta) below.
-        stretch = 1.0 + slope * slope
-        normal = sign * (slope - 1j) / np.sqrt(stretch)
-        f: Points = self.chord_m * (x + 1j * y + half * normal)
-        if order == 0:
-            return (f,)
-        d_half = c0 + r * (2.0 * c1 + x * (4.0 * c2 + x * (6.0 * c3 + x * (8.0 * c4))))
-        # The normal turns with the camber line: its derivative is i times the turn times itself.
-        turn = 2.0 * bend * r / stretch
-        tilted = 1j * turn * normal
-        df = 2.0 * r * (1.0 + 1j * slope) + d_half * normal + half * tilted
-        signed = self.chord_m * sign * df
-        if order == 1:
-            return f, signed
-        dd_half = 2.0 * c1 + x * (12.0 * c2 + x * (30.0 * c3 + x * (56.0 * c4)))
-        d_turn = 2.0 * bend / stretch - 2.0 * slope * turn * turn
-        dd_normal = (1j * d_turn - turn * turn) * normal
-        ddf = 2.0 + 2.0j * slope + 4.0j * x * bend + dd_half * normal + 2.0 * d_half * tilted + half * dd_normal
-        return f, signed, self.chord_m * ddf
+        # Thickness is set off along the camber line's normal: upwards above, downwards below.
+        normal = np.where(sigma < 0.0, 1.0, -1.0) * (1j - slope) / np.sqrt(1.0 + slope * slope)
+        return np.asarray(x + 1j * y + half * normal)
+
+    def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:
+        return self._curve.evaluate(s, order)
 
 
 def chord_crossing(profile: Profile, x_chord: float, side: Side, nose: float, chord_m: float | None = None) -> float:

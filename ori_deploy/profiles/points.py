@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from ori_deploy.errors import ProfileError
 from ori_deploy.profiles.naca import chord_crossing
+from ori_deploy.profiles.piecewise import PiecewisePolynomial
 from ori_deploy.profiles.profile import Points, Profile, Reals, Side, first_self_crossing
 from ori_deploy.tolerance import TOLERANCE
 
@@ -43,8 +44,8 @@ class PointOutline(Profile):
         self._check_given(z)
         z = z * self.chord_m
         knots = np.append(0.0, np.cumsum(np.abs(np.diff(np.append(z, z[0])))))
-        self._knots = knots
-        self._coefficients = _spline(z, knots) if smooth else _polygon(z, knots)
+        coefficients = _spline(z, knots) if smooth else _polygon(z, knots)
+        self._curve = PiecewisePolynomial(knots, coefficients[::-1].T)
         self._nose = float(knots[int(np.argmin(np.abs(z)))])
         super().__init__(knots[-1], knots[:-1], resolution)
 
@@ -74,14 +75,7 @@ class PointOutline(Profile):
         return chord_crossing(self, x_chord, side, self._nose)
 
     def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:
-        index = np.clip(np.searchsorted(self._knots, s, side="right") - 1, 0, len(self._knots) - 2)
-        d = s - self._knots[index]
-        c3, c2, c1, c0 = self._coefficients[:, index]
-        f = ((c3 * d + c2) * d + c1) * d + c0
-        if order == 0:
-            return (f,)
-        df = (3.0 * c3 * d + 2.0 * c2) * d + c1
-        return (f, df, 6.0 * c3 * d + 2.0 * c2)[: order + 1]
+        return self._curve.evaluate(s, order)
 
 
 def _clean(points: ArrayLike) -> Points:

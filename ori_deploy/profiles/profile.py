@@ -228,7 +228,7 @@ class Profile(ABC):
         """
         shift = np.floor(start / self.period) * self.period
         lo, hi = start - shift, stop - shift
-        height = np.stack([direction.real, direction.imag], axis=1) @ self._xy2
+        height = direction.view(np.float64).reshape(-1, 2) @ self._xy2
         height[(self._s2 < lo[:, None]) | (self._s2 > hi[:, None])] = -np.inf
         best = height.argmax(axis=1)
         s = self._s2[best]
@@ -238,9 +238,9 @@ class Profile(ABC):
         part = hi - lo < self.period * (1.0 - 1e-12)
         left, right = np.where(part, np.maximum(lo, left), left), np.where(part, np.minimum(hi, right), right)
         conj = np.conj(direction)
-        f, df = self.evaluate(np.stack([lo, hi, left, right]), 1)
+        f, df = self.evaluate(np.array((lo, hi, left, right)), 1)
         slope = (conj * df[2:]).real
-        points = np.stack([*f, self._summit(s, left, right, conj, (slope[0] > 0.0) & (slope[1] < 0.0))])
+        points = np.array([*f, self._summit(s, left, right, conj, (slope[0] > 0.0) & (slope[1] < 0.0))])
         value = (conj * (points - origin)).real
         pick = value.argmax(axis=0)
         columns = np.arange(len(best))

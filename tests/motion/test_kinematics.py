@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ori_deploy.errors import MotionError
+from ori_deploy.design import build
+from ori_deploy.errors import CellError, MotionError
 from ori_deploy.motion import FourBars, Mechanism
+from ori_deploy.profiles import Superellipse
 from tests.oracle.bridge import retold
 from tests.oracle.fold import solve
-from tests.shapes import CATALOGUE, structure
+from tests.shapes import CATALOGUE, ring_on, structure
 
 everything = pytest.mark.parametrize("name", CATALOGUE)
 FLAT = np.array([np.pi, np.pi, 0.0, 0.0])
@@ -169,3 +171,31 @@ def test_matrices_are_the_motions(name: str) -> None:
     z = s.cells.crease[0, 0]
     moved = matrices @ np.array([z.real, z.imag, 1.0])
     assert np.allclose(moved[..., 0] + 1j * moved[..., 1], (poses.turn * z + poses.shift).T)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    aspect=st.floats(0.4, 1.0),
+    n=st.integers(3, 9),
+    phase=st.floats(0.0, 6.2),
+    wall=st.floats(0.0, 0.03),
+    data=st.data(),
+)
+def test_any_ring_moves_rigidly_and_folds_flat(
+    aspect: float, n: int, phase: float, wall: float, data: st.DataObject
+) -> None:
+    try:
+        s = build(ring_on(Superellipse(1.0, aspect), n, phase=phase), wall)
+    except CellError:
+        assume(False)
+    fold = np.array([data.draw(st.lists(st.floats(0.0, 1.0), min_size=n, max_size=n)), [0.0] * n, [1.0] * n])
+    angles = FourBars.of(s.cells).angles(fold)
+    assert np.allclose(angles.sum(axis=-1), 2.0 * np.pi, atol=1e-12)
+    assert np.abs(angles[1] - FLAT).max() < 1e-9
+    assert np.allclose(angles[2], s.cells.angle, atol=1e-9)
+    poses = Mechanism(s).poses(fold)
+    assert np.abs(np.abs(poses.turn) - 1.0).max() < 1e-12
+    crease = s.cells.crease[:, 2]  # v1: the last crease of the loop, which nothing forces to close
+    first, last = 4 * np.arange(n), 4 * np.arange(n) + 3
+    gap = (poses.turn[first] - poses.turn[last]) * crease[:, None] + poses.shift[first] - poses.shift[last]
+    assert np.abs(gap).max() < 1e-11

@@ -42,7 +42,7 @@ def test_derivatives_are_those_of_the_curve(profile: Profile) -> None:
     speed = profile.size / profile.period
     assert np.allclose((high[0] - low[0]) / (2 * h), df, atol=1e-6 * speed, rtol=1e-6)
     assert np.allclose((high[1] - low[1]) / (2 * h), ddf, atol=1e-4 * speed / profile.period, rtol=2e-3)
-    assert np.array_equal(f, profile.point(s))
+    assert np.allclose(f, profile.point(s), atol=1e-15 * profile.size, rtol=0.0)
 
 
 @families
