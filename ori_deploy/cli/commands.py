@@ -12,28 +12,15 @@ import click
 import numpy as np
 
 import ori_deploy
-from ori_deploy.actuators.resolve import resolve_rig
-from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import EXIT_NOT_DONE, Commands, console, print_table, warn
 from ori_deploy.cli.session import Command, carry_out
-from ori_deploy.errors import InputError, MotionError
-from ori_deploy.files import (
-    Design,
-    build_from_file,
-    digest,
-    load_design,
-    load_plan,
-    pose_data,
-    save_design,
-    save_plan,
-    write_atomically,
-)
-from ori_deploy.motion import Mechanism, Plan, plan_motion
-from ori_deploy.telemetry.read import read_run
+from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
+from ori_deploy.errors import InputError
+from ori_deploy.files import Design, load_design, pose_data
+from ori_deploy.motion import Plan
 
 _IN = click.Path(path_type=Path, dir_okay=False)
 _OUT = click.Path(path_type=Path, dir_okay=False, writable=True)
-SPEC_ENDING, DESIGN_ENDING, PLAN_ENDING = ".toml", ".design.json", ".plan.json"
 
 
 def _beside(path: Path, ending: str, new: str) -> Path:
@@ -61,19 +48,6 @@ def main() -> None:
 def design(spec: Path, output: Path | None) -> None:
     """Build the structure that SPEC describes."""
     _print_design(make_design(spec, output or _beside(spec, SPEC_ENDING, DESIGN_ENDING)))
-
-
-def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]:
-    """Specification in, design file out; warns about a structure that will not fold."""
-    parsed, structure = build_from_file(spec)
-    made = Design(spec.name.removesuffix(SPEC_ENDING), parsed.structure.span_m, structure)
-    data = save_design(made, output)
-    for vertex, cells in structure.layout.overfull_vertices:
-        warn(
-            f"this structure cannot fold flat: cells {', '.join(cells)} are bonded in a row at opening vertex "
-            f"{vertex} and each opens there to 180 degrees; choose slits that part them"
-        )
-    return load_design(output), data, output
 
 
 def _print_design(made: tuple[Design, dict[str, Any], Path]) -> None:
@@ -140,30 +114,6 @@ def plan(design_file: Path, rig: Path, output: Path | None) -> None:
     _print_plan(make_plan(design_file, rig, path), path)
 
 
-def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
-    """Design and rig in, plan file out."""
-    built = load_design(design_file)
-    layout = built.structure.layout
-    rig = resolve_rig(load_rig(rig_file), layout.cell_ids, layout.latch_points)
-    mechanism = Mechanism(built.structure)
-    rig.check_range(mechanism.four_bars.angles(np.linspace(0.0, 1.0, 1001)))
-    velocity, acceleration = rig.crease_limits()
-    try:
-        made = plan_motion(
-            built.structure,
-            velocity,
-            acceleration,
-            rig.rate_hz,
-            design_sha256=built.sha256,
-            design_name=built.name,
-        )
-    except MotionError as wrong:
-        wrong.source = wrong.source or str(design_file)
-        raise
-    save_plan(made, output)
-    return made
-
-
 def _print_plan(made: Plan, path: Path) -> None:
     check, steps = made.check, made.step_tolerance
     deepest, allowed = 1e3 * check.deepest_penetration_m, 1e3 * check.allowed_penetration_m
@@ -224,25 +174,6 @@ def report(log: Path, design_file: Path | None, plan_file: Path | None, output: 
     path = output or _beside(log, ".mcap", ".html")
     write_report(path, log, design_file, plan_file)
     console.print(f"written {path}", markup=False, soft_wrap=True)
-
-
-def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Path | None) -> None:
-    """One self-contained page from what is at hand."""
-    from ori_deploy.view import render_report
-
-    built = load_design(design_file) if design_file is not None else None
-    made = load_plan(plan_file) if plan_file is not None else None
-    run = read_run(log)
-    page = render_report(
-        built.name if built is not None else str(run.info["design_name"]),
-        structure=built.structure if built is not None else None,
-        span_m=built.span_m if built is not None else None,
-        plan=made,
-        run=run,
-        design_sha256=built.sha256 if built is not None else "",
-        plan_sha256=digest(plan_file) if plan_file is not None else "",
-    )
-    write_atomically(path, page)
 
 
 @main.command(epilog=_example("ori-deploy demo -o out/demo"))

@@ -6,9 +6,9 @@ import math
 import sysconfig
 from pathlib import Path
 
-from ori_deploy.cli.commands import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
 from ori_deploy.cli.frame import EXIT_NOT_DONE, print_table
 from ori_deploy.cli.session import carry_out
+from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
 from ori_deploy.files import write_atomically
 from ori_deploy.telemetry.read import read_run
 from ori_deploy.telemetry.summary import summarise

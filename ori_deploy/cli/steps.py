@@ -1,0 +1,83 @@
+"""The steps from file to file, for commands and demo alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ori_deploy.actuators.resolve import resolve_rig
+from ori_deploy.actuators.rig import load_rig
+from ori_deploy.cli.frame import warn
+from ori_deploy.errors import MotionError
+from ori_deploy.files import (
+    Design,
+    build_from_file,
+    digest,
+    load_design,
+    load_plan,
+    save_design,
+    save_plan,
+    write_atomically,
+)
+from ori_deploy.motion import Mechanism, Plan, plan_motion
+from ori_deploy.telemetry.read import read_run
+
+SPEC_ENDING, DESIGN_ENDING, PLAN_ENDING = ".toml", ".design.json", ".plan.json"
+
+
+def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]:
+    """Specification in, design file out; warns about a structure that will not fold."""
+    parsed, structure = build_from_file(spec)
+    made = Design(spec.name.removesuffix(SPEC_ENDING), parsed.structure.span_m, structure)
+    data = save_design(made, output)
+    for vertex, cells in structure.layout.overfull_vertices:
+        warn(
+            f"this structure cannot fold flat: cells {', '.join(cells)} are bonded in a row at opening vertex "
+            f"{vertex} and each opens there to 180 degrees; choose slits that part them"
+        )
+    return load_design(output), data, output
+
+
+def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
+    """Design and rig in, plan file out."""
+    built = load_design(design_file)
+    layout = built.structure.layout
+    rig = resolve_rig(load_rig(rig_file), layout.cell_ids, layout.latch_points)
+    mechanism = Mechanism(built.structure)
+    rig.check_range(mechanism.four_bars.angles(np.linspace(0.0, 1.0, 1001)))
+    velocity, acceleration = rig.crease_limits()
+    try:
+        made = plan_motion(
+            built.structure,
+            velocity,
+            acceleration,
+            rig.rate_hz,
+            design_sha256=built.sha256,
+            design_name=built.name,
+        )
+    except MotionError as wrong:
+        wrong.source = wrong.source or str(design_file)
+        raise
+    save_plan(made, output)
+    return made
+
+
+def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Path | None) -> None:
+    """One self-contained page from what is at hand."""
+    from ori_deploy.view import render_report
+
+    built = load_design(design_file) if design_file is not None else None
+    made = load_plan(plan_file) if plan_file is not None else None
+    run = read_run(log)
+    page = render_report(
+        built.name if built is not None else str(run.info["design_name"]),
+        structure=built.structure if built is not None else None,
+        span_m=built.span_m if built is not None else None,
+        plan=made,
+        run=run,
+        design_sha256=built.sha256 if built is not None else "",
+        plan_sha256=digest(plan_file) if plan_file is not None else "",
+    )
+    write_atomically(path, page)
