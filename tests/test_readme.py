@@ -6,9 +6,12 @@ import doctest
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ori_deploy
+from ori_deploy.files import build_from_file
+from ori_deploy.motion import Interference, Mechanism
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -41,3 +44,13 @@ def test_readme_fits_a_screen_or_two_and_shows_the_demo_early() -> None:
 def test_every_file_the_readme_names_is_there() -> None:
     for name in re.findall(r"`((?:examples|ori_deploy|tests|sim_backends)/[\w/.]*)`", README):
         assert (ROOT / name).exists(), name
+
+
+def test_example_of_the_specification_page_builds_and_deploys_free(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "specification.md").read_text()
+    block = re.search(r"```toml\n(.*?)```", page, re.DOTALL)
+    assert block is not None
+    (tmp_path / "five.toml").write_text(block.group(1))
+    _, built = build_from_file(tmp_path / "five.toml")
+    assert built.layout.n_cells == 5
+    assert Interference(Mechanism(built)).first_collision(np.linspace(0.0, 1.0, 201)) is None

@@ -116,6 +116,7 @@ def plan(design_file: Path, rig: Path, output: Path | None) -> None:
 
 def _print_plan(made: Plan, path: Path) -> None:
     check, steps = made.check, made.step_tolerance
+    low, high = check.clearance_fold_range
     deepest, allowed = 1e3 * check.deepest_penetration_m, 1e3 * check.allowed_penetration_m
     where = f"{check.clearance_panels[0]} and {check.clearance_panels[1]}, fold {check.clearance_fold:.2f}"
     clearance = (
@@ -126,11 +127,9 @@ def _print_plan(made: Plan, path: Path) -> None:
         [
             ("poses checked", str(check.n_poses)),
             ("deepest penetration", f"below {deepest:.2g} mm (allowed {allowed:.2g} mm)"),
-            ("smallest clearance", clearance),
-            (
-                "safe step tolerance",
-                f"{steps.smallest:.3g} of the motion up to fold {steps.seating_fold:.3g}, then seating",
-            ),
+            (f"clearance at fold {low:g} to {high:g}", clearance),
+            ("safe step tolerance", f"fold {steps.smallest:.3g} between cells, up to fold {steps.seating_fold:.3g}"),
+            ("seating beyond", f"slits touch, up to {1e3 * steps.seating_depth_m:.2g} mm deep"),
             ("to latch", ", ".join(made.latch_points)),
             ("written", str(path)),
         ],

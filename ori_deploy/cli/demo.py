@@ -31,6 +31,7 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
         output / f"{name}{PLAN_ENDING}",
         output / "run.mcap",
     )
+    log.unlink(missing_ok=True)
     built, data, _ = make_design(spec, design_file)
     made = make_plan(design_file, rig, plan_file)
     _, results = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
@@ -58,7 +59,7 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
                 f"{math.degrees(worst.error_rad):.3f} deg (hinge {worst.hinge_id}, cell {worst.cell_id})",
             ),
             (
-                "smallest clearance",
+                f"clearance at fold {made.check.clearance_fold_range[0]:g} to {made.check.clearance_fold_range[1]:g}",
                 f"{1e3 * made.check.smallest_clearance_m:.3f} mm ({' and '.join(made.check.clearance_panels)}, "
                 f"fold {made.check.clearance_fold:.2f})",
             ),

@@ -59,8 +59,8 @@ class Live:
 
     def end(self, result: MotionResult) -> None:
         """A command ended."""
-        self._due = -math.inf
-        self._progress.refresh()
+        if self._task is not None:
+            self._progress.update(self._task, state=str(result.state), at=result.duration_s, refresh=True)
         verdict = f"{result.command}: {result.outcome} in {result.duration_s:.2f} s, state {result.state}"
         console.print(verdict if result.fault is None else f"{verdict}; {result.fault}", markup=False, soft_wrap=True)
 

@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from types import FrameType
 from typing import Literal
@@ -130,6 +131,13 @@ def _dwell(controller: Controller, rig: ResolvedRig) -> None:
         controller.step()
 
 
+def _keep_older(path: Path) -> None:
+    """A log is evidence: one of the same name is kept under a numbered one."""
+    if path.exists():
+        number = next(n for n in count(1) if not path.with_stem(f"{path.stem}-{n}").exists())
+        path.replace(path.with_stem(f"{path.stem}-{number}"))
+
+
 @contextmanager
 def _log(path: Path | None, plan: Plan, rig: ResolvedRig, plan_sha256: str) -> Iterator[LogWriter | None]:
     if path is None:
@@ -137,6 +145,7 @@ def _log(path: Path | None, plan: Plan, rig: ResolvedRig, plan_sha256: str) -> I
         return
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _keep_older(path)
         writer = LogWriter(path, plan, rig, plan_sha256=plan_sha256)
     except OSError as wrong:
         raise FileError(

@@ -10,7 +10,7 @@ import numpy as np
 from ori_deploy.actuators.resolve import resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import warn
-from ori_deploy.errors import MotionError
+from ori_deploy.errors import FileError, MotionError
 from ori_deploy.files import (
     Design,
     build_from_file,
@@ -27,8 +27,16 @@ from ori_deploy.telemetry.read import read_run
 SPEC_ENDING, DESIGN_ENDING, PLAN_ENDING = ".toml", ".design.json", ".plan.json"
 
 
+def refuse_overwriting(output: Path, *inputs: Path) -> None:
+    """Refuse an output that is one of the inputs: a specification somebody wrote would be gone."""
+    for path in inputs:
+        if output.exists() and path.exists() and output.samefile(path):
+            raise FileError(f"{output}: is an input", limit="another file", remedy="choose another name with -o")
+
+
 def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]:
     """Specification in, design file out; warns about a structure that will not fold."""
+    refuse_overwriting(output, spec)
     parsed, structure = build_from_file(spec)
     made = Design(spec.name.removesuffix(SPEC_ENDING), parsed.structure.span_m, structure)
     data = save_design(made, output)
@@ -42,6 +50,7 @@ def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]
 
 def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
     """Design and rig in, plan file out."""
+    refuse_overwriting(output, design_file, rig_file)
     built = load_design(design_file)
     layout = built.structure.layout
     rig = resolve_rig(load_rig(rig_file), layout.cell_ids, layout.latch_points)
@@ -59,6 +68,8 @@ def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
         )
     except MotionError as wrong:
         wrong.source = wrong.source or str(design_file)
+        if output.exists():
+            warn(f"{output} is still there, from an earlier plan")
         raise
     save_plan(made, output)
     return made
@@ -70,7 +81,14 @@ def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Pat
 
     built = load_design(design_file) if design_file is not None else None
     made = load_plan(plan_file) if plan_file is not None else None
+    refuse_overwriting(path, *(p for p in (log, design_file, plan_file) if p is not None))
     run = read_run(log)
+    for what, theirs, ours in (
+        ("design", run.info["design_sha256"], built.sha256 if built is not None else None),
+        ("plan", run.info["plan_sha256"], digest(plan_file) if plan_file is not None else None),
+    ):
+        if ours is not None and theirs and theirs != ours:
+            warn(f"{log} is not a run of this {what}: the page mixes two")
     page = render_report(
         built.name if built is not None else str(run.info["design_name"]),
         structure=built.structure if built is not None else None,

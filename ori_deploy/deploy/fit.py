@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.errors import MotionError, RigError
-from ori_deploy.motion.plan import Plan
+from ori_deploy.motion.plan import CREASES, Plan
 
 FloatArray = NDArray[np.float64]
 
 REST_RATE_RAD_S = 1e-3
 """Shaft speed up to which the end of a plan counts as at rest."""
+
+LIMIT_SLACK = 1e-3
+"""Part by which a plan may exceed a limit: roundings of its file, nothing more."""
 
 
 def check_fit(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
@@ -26,7 +29,7 @@ def check_fit(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
         motion.
     MotionError
         The plan holds a value that is not finite, does not start and end at rest, or turns a driven crease
-        back somewhere, so that its angle would not tell where the cell is.
+        back somewhere, so that its angle would not tell where the cell is, or is faster than the rig allows.
     """
     _check_names(plan, rig, bus)
     crease = rig.driven(plan.crease_angles_rad)
@@ -35,6 +38,7 @@ def check_fit(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
     _check_monotone(plan, rig, crease)
     _check_rest(plan, rig, rate)
     rig.check_range(plan.crease_angles_rad)
+    _check_limits(plan, rig)
 
 
 def _check_names(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
@@ -98,4 +102,29 @@ def _check_rest(plan: Plan, rig: ResolvedRig, rate: FloatArray) -> None:
                 value=f"{row[i]:.4g} rad/s at the shaft of {rig.hinge_ids[i]}",
                 limit=f"{REST_RATE_RAD_S} rad/s",
                 remedy="plan again with zero rates at both ends",
+            )
+
+
+def _check_limits(plan: Plan, rig: ResolvedRig) -> None:
+    """The table's own differences, not the rates it claims, against this rig's limits."""
+    step = np.diff(plan.time_s)[:, None, None]
+    velocity = np.diff(plan.crease_angles_rad, axis=0) / step
+    acceleration = np.diff(velocity, axis=0) / (0.5 * (step[1:] + step[:-1]))
+    top_velocity, top_acceleration = rig.crease_limits()
+    for what, unit, table, limit in (
+        ("velocity", "rad/s", velocity, top_velocity),
+        ("acceleration", "rad/s2", acceleration, top_acceleration),
+    ):
+        if not len(table):
+            continue
+        worst = np.abs(table).max(axis=0) / limit
+        cell, crease = np.unravel_index(int(np.argmax(worst)), worst.shape)
+        if worst[cell, crease] > 1.0 + LIMIT_SLACK:
+            raise MotionError(
+                f"plan {plan.design_name}: {what} of crease {CREASES[crease]} of cell {plan.cell_ids[cell]} "
+                "is beyond what this rig allows",
+                value=f"{float(np.abs(table[:, cell, crease]).max()):.4g} {unit}",
+                limit=f"{float(limit[cell, crease]):.4g} {unit}",
+                remedy="plan again with this rig",
+                source=rig.source,
             )

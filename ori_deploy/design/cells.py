@@ -165,7 +165,7 @@ def _refuse_angles(names: tuple[str, ...], angle: Reals) -> None:
             f"cell {names[cell]}: inner faces do not form a convex void at {what}",
             value=f"{np.degrees(angle[cell, k]):.4g} deg",
             limit="0 deg < inner angle < 180 deg",
-            remedy="move the cell's vertices so that each corner is convex, or add cells",
+            remedy="move the cell's vertices so that each corner is convex, or add cells; lengths are in metres",
         )
 
 
@@ -193,7 +193,8 @@ def _refuse_void(names: tuple[str, ...], cells: Cells, turn: Reals, wall_m: floa
             f"cell {names[cell]}: the wall leaves no inner face on panel {edge}: the void crosses itself",
             value=f"inner face {face[cell, k]:.4g} m long with offsets up to {raised:.4g} m (wall {wall_m:.4g} m)",
             limit="a positive length",
-            remedy="make wall_m smaller, the cell larger, or its two sides more alike",
+            remedy=("make wall_m smaller, the cell larger, or" if wall_m > 0.0 else "make the cell larger, or")
+            + " its two sides more alike: unequal sides raise one offset, equation (3)",
         )
 
 

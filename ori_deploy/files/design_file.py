@@ -148,20 +148,28 @@ def load_design(path: Path) -> Design:
             value=f"{type(wrong).__name__}: {wrong}",
             remedy="make it again with ori-deploy design",
         ) from wrong
-    off = np.abs(recorded - structure.cells.crease) / structure.profile.size
-    if recorded.shape != structure.cells.crease.shape or not (off <= TOLERANCE.rebuild).all():
-        worst = (
-            ""
-            if recorded.shape != structure.cells.crease.shape
-            else f"{float(off.max() * structure.profile.size):.3g} m"
-        )
+    if not span > 0.0:
+        raise FileError(f"{path}: span_m", value=span, limit="> 0", remedy="make it again with ori-deploy design")
+    _compare(path, structure, recorded, data)
+    return Design(name, span, structure, digest(path))
+
+
+def _compare(path: Path, structure: Structure, recorded: Points, data: dict[str, Any]) -> None:
+    """Refuse a file whose creases or figures are not those its layout gives."""
+    remedy = "don't edit design files: change the specification and design again"
+    size = structure.profile.size
+    same_shape = recorded.shape == structure.cells.crease.shape
+    off = float(np.abs(recorded - structure.cells.crease).max()) if same_shape else np.inf
+    if not off <= TOLERANCE.rebuild * size:
         raise FileError(
             f"{path}: recorded creases differ from those its layout gives",
-            value=worst or None,
-            limit=f"{TOLERANCE.rebuild * structure.profile.size:.3g} m",
-            remedy="don't edit design files: change the specification and design again",
+            value=f"{off:.3g} m",
+            limit=f"{TOLERANCE.rebuild * size:.3g} m",
+            remedy=remedy,
         )
-    return Design(name, span, structure, digest(path))
+    for key, built in packaging(structure).items():
+        if not np.allclose(data["packaging"].get(key, np.nan), built, rtol=1e-6):
+            raise FileError(f"{path}: packaging.{key}", value=data["packaging"].get(key), limit=built, remedy=remedy)
 
 
 def _rebuild(data: dict[str, Any]) -> Structure:

@@ -8,15 +8,18 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ori_deploy.design import Structure, build, embed
-from ori_deploy.errors import InputError, LayoutError
+from ori_deploy.errors import InputError, LayoutError, ProfileError
 from ori_deploy.files.text import read_text, read_toml, refuse_keys
 from ori_deploy.layout import Layout, Vertex, make_layout, ring
 from ori_deploy.profiles import Naca4, PointOutline, Profile, Superellipse, parse_dat
 
 SPEC_SCHEMA = "ori-deploy/spec/1"
+TURN = 6.2832
 
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-TURN, le=TURN, allow_inf_nan=False)]
+"""Radians, a turn either way: more is likelier to be degrees."""
 
 
 class _Strict(BaseModel):
@@ -70,7 +73,11 @@ class PointsSpec(_Strict):
 
     def make(self, folder: Path) -> Profile:
         path = folder / self.file
-        return PointOutline(parse_dat(read_text(path), str(path)), self.chord_m, smooth=self.smooth)
+        try:
+            return PointOutline(parse_dat(read_text(path), str(path)), self.chord_m, smooth=self.smooth)
+        except ProfileError as wrong:
+            wrong.source = wrong.source or str(path)
+            raise
 
 
 ProfileSpec = Annotated[EllipseSpec | SuperellipseSpec | NacaSpec | PointsSpec, Field(discriminator="kind")]
@@ -91,7 +98,7 @@ class VertexSpec(_Strict):
     inner: bool = False
     xy_m: tuple[Finite, Finite] | None = None
     arc: Finite | None = None
-    angle_rad: Finite | None = None
+    angle_rad: Angle | None = None
     x_chord: Finite | None = None
     side: Literal["upper", "lower"] | None = None
 
@@ -132,7 +139,7 @@ class RingSpec(_Strict):
 
     cells: int
     center_m: tuple[Finite, Finite] = (0.0, 0.0)
-    phase_rad: Finite = 0.0
+    phase_rad: Angle = 0.0
 
 
 class LayoutSpec(_Strict):
@@ -219,7 +226,7 @@ def load_spec(path: Path) -> Spec:
     try:
         return Spec.model_validate(data)
     except ValidationError as wrong:
-        raise refuse_keys(str(path), wrong) from wrong
+        raise refuse_keys(str(path), data, wrong) from wrong
 
 
 def build_from_file(path: str | Path) -> tuple[Spec, Structure]:

@@ -37,20 +37,30 @@ def read_text(path: Path) -> str:
 
 def read_toml(path: Path, schema: str) -> dict[str, Any]:
     """The tables of a TOML file whose `schema` key is as given."""
+    text = read_text(path)
     try:
-        data = tomllib.loads(read_text(path))
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as wrong:
-        raise FileError(f"{path}: not TOML", value=str(wrong), remedy="mend the line") from wrong
+        json_like = text.lstrip().startswith("{")
+        remedy = "this looks like a design or a plan: give the file a person wrote" if json_like else "mend the line"
+        raise FileError(f"{path}: not TOML", value=str(wrong), remedy=remedy) from wrong
     check_schema(path, data, schema)
     return data
 
 
 def read_json(path: Path, schema: str) -> dict[str, Any]:
     """The object of a JSON file whose `schema` key is as given."""
+    text = read_text(path)
     try:
-        data = json.loads(read_text(path))
+        data = json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as wrong:
-        raise FileError(f"{path}: not JSON", value=str(wrong), remedy="make the file again") from wrong
+        spec_like = "ori-deploy/spec" in text
+        remedy = "this is a specification: run ori-deploy design on it first" if spec_like else "make the file again"
+        raise FileError(f"{path}: not JSON", value=str(wrong), remedy=remedy) from wrong
+    except NotANumberError as wrong:
+        raise FileError(
+            f"{path}: holds {wrong}", limit="finite numbers", remedy="make the file again instead of editing it"
+        ) from wrong
     if not isinstance(data, dict):
         raise FileError(
             f"{path}: not a JSON object",
@@ -60,6 +70,14 @@ def read_json(path: Path, schema: str) -> dict[str, Any]:
         )
     check_schema(path, data, schema)
     return data
+
+
+class NotANumberError(ValueError):
+    """JSON holds NaN or an infinity, which JSON does not have."""
+
+
+def _refuse_constant(name: str) -> float:
+    raise NotANumberError(name)
 
 
 def check_schema(path: Path, data: dict[str, Any], schema: str) -> None:
@@ -107,17 +125,47 @@ def digest(path: Path) -> str:
     return hashlib.sha256(read_text(path).encode()).hexdigest()
 
 
-def refuse_keys(source: str, wrong: ValidationError) -> FileError:
-    """The first thing pydantic found, as an error that names the key."""
-    first = wrong.errors()[0]
-    where = ".".join(str(part) for part in first["loc"] if not str(part).startswith(("function-", "tagged-")))
-    more = f" (and {len(wrong.errors()) - 1} more)" if len(wrong.errors()) > 1 else ""
-    remedies = {"extra_forbidden": "remove the key or mend its name", "missing": "add the key"}
-    value = None if first["type"] == "missing" else repr(first.get("input"))
-    return FileError(
-        f"key {where or '(top level)'}{more}",
-        value=value,
-        limit=first["msg"],
-        remedy=remedies.get(first["type"], "mend the value"),
-        source=source,
-    )
+def refuse_keys(source: str, document: dict[str, Any], wrong: ValidationError) -> FileError:
+    """What pydantic found, as an error that names the key as the file has it.
+
+    A key that should not be there is told first: it is often the misspelling of one that is missing.
+    """
+    found = wrong.errors()
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    others = len({_key(e["loc"], document) for e in found} - {_key(first["loc"], document)})
+    more = f" (and {others} more)" if others else ""
+    key = _key(first["loc"], document)
+    limit = first["msg"].removeprefix("Value error, ")
+    value = first.get("input")
+    shown = None if isinstance(value, dict) or first["type"] == "missing" else repr(value)
+    remedy = "mend the value"
+    if first["type"] == "extra_forbidden":
+        limit, remedy = "keys of the specification", "remove the key or mend its name"
+        missing = [str(e["loc"][-1]) for e in found if e["type"] == "missing" and e["loc"][:-1] == first["loc"][:-1]]
+        if missing:
+            remedy = f"did you mean {' or '.join(missing)}? It is missing"
+    elif first["type"] == "missing":
+        limit, remedy = "has to be there", "add the key"
+    elif first["type"] == "union_tag_invalid":
+        key, shown = f"{key}.kind", repr(first["ctx"]["tag"])
+        limit = str(first["ctx"]["expected_tags"]).replace("'", "")
+    elif first["type"] == "union_tag_not_found":
+        key, limit, remedy = f"{key}.kind", "has to be there", "add the key"
+    return FileError(f"key {key}{more}", value=shown, limit=limit, remedy=remedy, source=source)
+
+
+def _key(loc: tuple[int | str, ...], document: dict[str, Any]) -> str:
+    """A key's path as the file has it: entries of a list by their id, no names of variants."""
+    parts: list[str] = []
+    here: Any = document
+    for part in loc:
+        if isinstance(here, dict) and part not in here and part == here.get("kind"):
+            continue  # pydantic's name for the variant, not a key
+        if isinstance(part, int) and isinstance(here, (list, tuple)) and part < len(here):
+            here = here[part]
+            name = here.get("id") if isinstance(here, dict) else None
+            parts[-1:] = [f"{parts[-1] if parts else ''}[{name if name is not None else part + 1}]"]
+            continue
+        here = here.get(part) if isinstance(here, dict) else None
+        parts.append(str(part))
+    return ".".join(parts) or "(top level)"

@@ -283,7 +283,9 @@ def _check_edges(cells: tuple[tuple[int, int, int, int], ...], vertices: tuple[V
     for i, v in enumerate(vertices):
         if i not in used:
             raise LayoutError(
-                f"vertex {v.id}: in no cell", limit="every vertex is a corner of a cell", remedy="remove it"
+                f"vertex {v.id}: in no cell",
+                limit="every vertex is a corner of a cell",
+                remedy="list the cell it is a corner of, or remove it",
             )
 
 

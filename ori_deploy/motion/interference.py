@@ -48,13 +48,13 @@ class Collision:
     fold: tuple[float, ...]
     depth_m: float
 
-    def error(self, allowed_m: float, remedy: str) -> MotionError:
+    def error(self, allowed_m: float, size_m: float, remedy: str) -> MotionError:
         """The error that refuses a motion because of this collision."""
         fold = self.fold[0] if len(set(self.fold)) == 1 else "[" + ", ".join(f"{x:.4g}" for x in self.fold) + "]"
         return MotionError(
             f"panels {self.panels[0]} and {self.panels[1]} reach into each other at fold {fold}",
-            value=f"depth {self.depth_m:.3g} m",
-            limit=f"{allowed_m:.3g} m",
+            value=f"depth {1e3 * self.depth_m:.3g} mm",
+            limit=f"{1e3 * allowed_m:.3g} mm, a {allowed_m / size_m:.0e} part of the profile's size",
             remedy=remedy,
         )
 
@@ -311,8 +311,19 @@ class Interference:
             interval, pair = np.concatenate([back, back + n]), np.concatenate([pair, pair])
         return None
 
+    def _always_touching(self, poses: Poses) -> NDArray[np.bool_]:
+        """(n_pairs,) pairs that touch first, half-way and last: they turn about a point both have, at a flat skin."""
+        touching = np.ones(self.pairs.shape[1], dtype=bool)
+        n = poses.turn.shape[1]
+        for k in (0, n // 2, n - 1):
+            pair = np.flatnonzero(touching)
+            if len(pair):
+                distance = self._distances(poses, np.full(len(pair), k), pair)
+                touching[pair] = distance <= 1e-9 * self.mechanism.structure.profile.size
+        return touching
+
     def clearance(self, fold: ArrayLike) -> Clearance:
-        """Smallest distance between two panels whose bodies share no crease, over poses in step.
+        """Smallest distance between two panels whose bodies share no crease nor always touch, over poses in step.
 
         Parameters
         ----------
@@ -321,7 +332,7 @@ class Interference:
         """
         at = np.asarray(fold, dtype=float)
         poses = self.mechanism.poses(at)
-        free = np.flatnonzero(~self.hinged)
+        free = np.flatnonzero(~self.hinged & ~self._always_touching(poses))
         pose, pair = (a.ravel() for a in np.meshgrid(np.arange(len(at)), free, indexing="ij"))
         bound = self._gaps(poses, pose, pair)
         order = np.argsort(bound)

@@ -85,7 +85,8 @@ def check_motion(interference: Interference) -> MotionCheck:
     folds = checked_folds(interference.mechanism, interference.tolerance)
     collision = interference.first_collision(folds)
     if collision is not None:
-        raise collision.error(interference.allowed_m, _remedy(interference))
+        size_m = interference.mechanism.structure.profile.size
+        raise collision.error(interference.allowed_m, size_m, _remedy(interference))
     clearance = interference.clearance(np.linspace(*_CLEARANCE_RANGE, _CLEARANCE_POSES))
     return MotionCheck(
         n_poses=len(folds),

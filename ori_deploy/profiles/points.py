@@ -83,9 +83,9 @@ def _clean(points: ArrayLike) -> Points:
     if array.ndim != 2 or array.shape[1:] != (2,) or len(array) < 3:
         raise ProfileError(
             "profile: too few points",
-            value=f"array of shape {array.shape}",
-            limit="(n, 2) with n >= 3",
-            remedy="add points",
+            value=f"{len(array)} points of two numbers" if array.ndim == 2 else f"shape {array.shape}",
+            limit="at least 3, two numbers each",
+            remedy="one point per line, x and y",
         )
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):

@@ -214,6 +214,14 @@ def test_plan_beyond_a_shafts_range_is_refused() -> None:
         controller_for(replace(PLAN, crease_angles_rad=PLAN.crease_angles_rad * 10.0))
 
 
+@pytest.mark.parametrize(("times", "what"), [(0.2, "velocity"), (0.75, "acceleration")])
+def test_plan_faster_than_this_rig_allows_is_refused(times: float, what: str) -> None:
+    # What the table does counts, not the rates it claims.
+    limits = {"acceleration": {"max_crease_acceleration_rad_s2": 2.0}}.get(what, {})
+    with pytest.raises(MotionError, match=rf"{what} of crease \w+ of cell c\d is beyond what this rig allows"):
+        bench(replace(PLAN, time_s=PLAN.time_s * times), each_cell=limits)
+
+
 def test_bus_of_another_rig_is_refused() -> None:
     one, other = bench(synthetic_plan(4)), bench(synthetic_plan(5))
     with pytest.raises(RigError, match="bus's hinges"):

@@ -14,7 +14,7 @@ from ori_deploy.deploy.result import CycleRecord, StartRefused
 from ori_deploy.deploy.states import TRANSITIONS, IllegalCommand, State
 from tests.deploy.synthetic import Bench, bench, synthetic_plan
 
-PLAN = synthetic_plan(4, duration_s=0.8, curvature=0.2)
+PLAN = synthetic_plan(4, duration_s=1.6, curvature=0.2)
 LATCHES = [
     {"id": "pin", "secures": "slit:P-T2", "kind": "lock_pin", "travel_s": 0.1, "timeout_s": 0.4},
     {"id": "coil", "secures": "cell:c1", "kind": "electromagnet", "max_on_s": 30.0, "duty_cycle": 0.5},

@@ -99,6 +99,13 @@ def test_stack_box_holds_the_flat_stack_and_no_turned_box_is_smaller(name: str) 
 def test_an_edited_design_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "d.json"
     data = save_design(Design("wing", 1.26, structure("wing")), path)
+    path.write_text(path.read_text().replace('"span_m": 1.26', '"span_m": NaN'))
+    with pytest.raises(FileError, match="holds NaN"):
+        load_design(path)
+    for key, value in (("span_m", -1.0), ("packaging", {**data["packaging"], "eta": 9.9})):
+        path.write_text(json.dumps({**data, key: value}))
+        with pytest.raises(FileError, match=r"span_m|packaging"):
+            load_design(path)
     data["cells"][1]["creases"]["open_c"][0] += 1e-6
     path.write_text(json.dumps(data))
     with pytest.raises(FileError, match="recorded creases differ"):
@@ -182,10 +189,10 @@ def build_text(tmp_path: Path, text: str) -> Any:
     ("old", "new", "message"),
     [
         ('schema = "ori-deploy/spec/1"', 'schema = "ori-deploy/spec/9"', "key schema"),
-        ("a_m = 0.1", "a_m = 0.1\ncolour = 3", r"key profile\.ellipse\.colour.*remove the key"),
-        ("a_m = 0.1\n", "", r"key profile\.ellipse\.a_m.*add the key"),
-        ("a_m = 0.1", "a_m = -0.1", r"key profile\.ellipse\.a_m.*greater than 0"),
-        ("a_m = 0.1", "a_m = nan", r"key profile\.ellipse\.a_m.*(finite|greater than 0)"),
+        ("a_m = 0.1", "a_m = 0.1\ncolour = 3", r"key profile\.colour.*remove the key"),
+        ("a_m = 0.1\n", "", r"key profile\.a_m.*add the key"),
+        ("a_m = 0.1", "a_m = -0.1", r"key profile\.a_m.*greater than 0"),
+        ("a_m = 0.1", "a_m = nan", r"key profile\.a_m.*(finite|greater than 0)"),
         ("wall_m = 0.001", "wall_m = inf", r"key structure\.wall_m"),
         ("wall_m = 0.001", "wall_m = 0.05", r"cell c\d: .*wall"),
         ('kind = "ellipse"', 'kind = "egg"', "profile.*egg"),
@@ -194,6 +201,8 @@ def build_text(tmp_path: Path, text: str) -> Any:
         ("ring = {", 'cells = [["P"]]\nring = {', "either cells"),
         ("[layout]", '[[vertex]]\nid = "P"\nrole = "closing"\n[layout]', "exactly one of arc"),
         ("a_m = 0.1", "a_m = = 0.1", "not TOML"),
+        ("a_m = 0.1", "a = 0.1", r"key profile\.a \(and 1 more\).*did you mean a_m"),
+        ("phase_rad = 0.5", "phase_rad = 30.0", r"key layout\.ring\.phase_rad; found 30\.0.*6\.2832"),
     ],
 )
 def test_bad_specifications_are_refused_by_key(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -219,6 +228,9 @@ def test_bad_specifications_are_refused_by_key(tmp_path: Path, old: str, new: st
         ('["P", "T1", "C1", "T2"],', '["P", "T2", "C1", "T1"],', "cells c1 and c2|do not fit"),
         ('["P", "T1", "C1", "T2"],', "", "vertex P: the cells round it do not fit|in no cell"),
         ("wall_m = 0.00125", "wall_m = 0.004", r"cell c\d"),
+        ('side = "upper"', 'side = "top"', r"key vertex\[T1\]\.side"),
+        ('"2412"', "2412", r"key profile\.code"),
+        ("chord_m = 0.25", "chord_m = 250.0", "metres"),
     ],
 )
 def test_bad_wings_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -36,7 +36,7 @@ def test_collision_error_names_pair_fold_and_depth() -> None:
     check = Interference(Mechanism(wing(slit="O1")))
     collision = check.first_collision(FINE)
     assert collision is not None
-    text = str(collision.error(check.allowed_m, "do this"))
+    text = str(collision.error(check.allowed_m, 1.0, "do this"))
     for part in (*collision.panels, "fold 0.7", "depth", "limit", "remedy: do this"):
         assert part in text
 
