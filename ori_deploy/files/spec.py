@@ -11,6 +11,7 @@ from ori_deploy.design import Structure, build, embed
 from ori_deploy.errors import InputError, LayoutError, ProfileError
 from ori_deploy.files.text import read_text, read_toml, refuse_keys
 from ori_deploy.layout import Layout, Vertex, make_layout, ring
+from ori_deploy.motion.slits import with_free_slits
 from ori_deploy.profiles import Naca4, PointOutline, Profile, Superellipse, parse_dat
 
 SPEC_SCHEMA = "ori-deploy/spec/1"
@@ -181,7 +182,8 @@ class Spec(_Strict):
         """
         profile = self.profile.make(folder)
         layout, outline, inner = self._ring(profile) if self.layout.ring else self._listed(profile)
-        return build(embed(profile, layout, outline, inner), self.structure.wall_m)
+        structure = build(embed(profile, layout, outline, inner), self.structure.wall_m)
+        return structure if self.layout.slits is not None or self.layout.ring is None else with_free_slits(structure)
 
     def _ring(self, profile: Profile) -> tuple[Layout, dict[str, float], dict[str, tuple[float, float]]]:
         wanted = self.layout.ring

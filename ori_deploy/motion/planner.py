@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import islice, product
+from itertools import islice
 
 import numpy as np
 
 from ori_deploy.design import Structure
-from ori_deploy.errors import LayoutError, MotionError
-from ori_deploy.layout import make_layout
+from ori_deploy.errors import MotionError
 from ori_deploy.motion.interference import Interference
 from ori_deploy.motion.plan import MotionCheck, Plan
 from ori_deploy.motion.poses import Mechanism
+from ori_deploy.motion.slits import checked_folds, free_slits
 from ori_deploy.motion.step_tolerance import step_tolerance
 from ori_deploy.motion.timing import check_limits, time_path
 from ori_deploy.profiles.profile import Reals
@@ -22,55 +21,11 @@ _CLEARANCE_RANGE = (0.05, 0.95)
 _CLEARANCE_POSES = 181
 
 
-def checked_folds(mechanism: Mechanism, tolerance: Tolerance = TOLERANCE) -> Reals:
-    """Folds in step, 0 to 1, close enough that no panel moves more than `motion_step` between two of them."""
-    coarse = np.linspace(0.0, 1.0, 201)
-    poses = mechanism.poses(coarse)
-    reach = np.abs(mechanism.structure.embedding.z).max() + mechanism.structure.profile.size
-    step = np.abs(np.diff(poses.shift, axis=1)) + np.abs(np.diff(poses.turn, axis=1)) * reach
-    longest = step.max(axis=0) / (tolerance.motion_step * mechanism.structure.profile.size)
-    pieces = [
-        np.linspace(a, b, int(np.ceil(n)) if n > 1.0 else 1, endpoint=False)
-        for a, b, n in zip(coarse, coarse[1:], longest, strict=False)
-    ]
-    return np.append(np.concatenate(pieces), 1.0)
-
-
-def free_slits(interference: Interference, limit: int = 64) -> list[tuple[tuple[str, str], ...]]:
-    """Choices of slits with which the same cells deploy in step without touching, at most `limit` tried.
-
-    Returns
-    -------
-    For each: (inner vertex, opening vertex) ids, one pair per inner vertex.
-    """
-    structure = interference.mechanism.structure
-    layout = structure.layout
-    ids = [v.id for v in layout.vertices]
-    cells = [tuple(ids[v] for v in cell) for cell in layout.cells]
-    choices = [
-        sorted({int(cell[k]) for cell in layout.cells if inner in cell for k in (1, 3)}) for inner, _ in layout.slits
-    ]
-    found = []
-    for chosen in islice(product(*choices), limit):
-        slits = tuple((ids[inner], ids[opening]) for (inner, _), opening in zip(layout.slits, chosen, strict=True))
-        try:
-            other = make_layout(layout.vertices, cells, slits)  # type: ignore[arg-type]
-        except LayoutError:
-            continue  # these slits leave a cell loose
-        embedding = replace(structure.embedding, layout=other)
-        mechanism = Mechanism(replace(structure, embedding=embedding))
-        if not other.overfull_vertices:
-            check = Interference(mechanism, interference.tolerance)
-            if check.first_collision(checked_folds(mechanism, interference.tolerance)) is None:
-                found.append(slits)
-    return found
-
-
 def _remedy(interference: Interference) -> str:
-    free = free_slits(interference)
+    free = list(islice(free_slits(interference.mechanism.structure, interference.tolerance), 3))
     if not free:
         return "thinner walls, or move the vertices of these cells: no other choice of slits is free either"
-    written = [str([list(pair) for pair in slits]).replace("'", '"') for slits in free[:3]]
+    written = [str([list(pair) for pair in slits]).replace("'", '"') for slits in free]
     return f"slits = {' or '.join(written)} would be free"
 
 

@@ -22,6 +22,7 @@ from ori_deploy.files import (
     write_atomically,
 )
 from ori_deploy.motion import plan_motion
+from ori_deploy.motion.slits import deploys_free
 from ori_deploy.profiles import Naca4, xy
 from tests.shapes import CATALOGUE, structure
 
@@ -261,3 +262,16 @@ def test_vertices_may_be_placed_by_arc_and_by_angle(tmp_path: Path) -> None:
     cells = [["P", f"O{i}", f"C{i}", f"O{(i + 1) % 3}"] for i in range(3)]
     _, built = build_text(tmp_path, f'{head}{vertices}[layout]\ncells = {cells}\nslits = [["P", "O0"]]\n')
     assert built.layout.n_cells == 3
+
+
+def test_ring_without_slits_gets_one_that_deploys_free(tmp_path: Path) -> None:
+    shape = ELLIPSE.replace('kind = "ellipse"', 'kind = "superellipse"\nexponent = 3.0').replace(
+        "b_m = 0.06", "b_m = 0.08"
+    )
+    text = shape.replace("cells = 4, center_m = [0.0, 0.0], phase_rad = 0.5", "cells = 5, phase_rad = 0.1")
+    _, built = build_text(tmp_path, text)
+    assert built.layout.latch_points == ("slit:P-O3",)
+    assert deploys_free(built)
+    _, fixed = build_text(tmp_path, f'{text}slits = [["P", "O1"]]\n')
+    assert fixed.layout.latch_points == ("slit:P-O1",)
+    assert not deploys_free(fixed)
