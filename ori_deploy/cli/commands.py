@@ -12,9 +12,10 @@ import click
 import numpy as np
 
 import ori_deploy
-from ori_deploy.cli.frame import EXIT_NOT_DONE, Commands, console, print_table, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, Commands, console, print_table, warn
 from ori_deploy.cli.session import Command, carry_out
 from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
+from ori_deploy.deploy.result import Outcome
 from ori_deploy.errors import InputError
 from ori_deploy.files import Design, load_design, pose_data
 from ori_deploy.motion import Plan
@@ -147,9 +148,15 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
     @click.option("--log", type=_OUT, help="Flight log to write (MCAP).")
     @click.option("--realtime", is_flag=True, help="Pace to the wall instead of the virtual clock.")
     def command(plan_file: Path, rig: Path, log: Path | None, realtime: bool) -> None:
-        _, results = carry_out(plan_file, rig, (name,), log, realtime=realtime)
+        _, results, stopped = carry_out(plan_file, rig, (name,), log, realtime=realtime)
         for problem in results[-1].observer_errors:
             warn(f"the motion went on without an observer: {problem}")
+        if stopped and not results[-1].succeeded:
+            where = (
+                "brought to rest along its path" if results[-1].outcome is Outcome.STOPPED else "see the fault above"
+            )
+            click.echo(f"interrupted: {where}", err=True)
+            sys.exit(EXIT_INTERRUPTED)
         if not results[-1].succeeded:
             click.echo(f"error: not {ends}", err=True)
             sys.exit(EXIT_NOT_DONE)

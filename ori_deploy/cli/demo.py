@@ -34,7 +34,7 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
     log.unlink(missing_ok=True)
     built, data, _ = make_design(spec, design_file)
     made = make_plan(design_file, rig, plan_file)
-    _, results = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
+    _, results, _ = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
     run = read_run(log)
     figures = {
         "section": draw_section(built.structure),

@@ -18,7 +18,15 @@ EXIT_BAD_INPUT = 2
 EXIT_NOT_DONE = 1
 EXIT_INTERRUPTED = 130
 
-console = Console(highlight=False)
+
+class _Screen(Console):
+    """A console that goes quiet when nobody listens any more: what it shows must not end what it shows."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
+console = _Screen(highlight=False)
 
 
 class Commands(click.Group):
@@ -39,13 +47,13 @@ class Commands(click.Group):
             click.echo(f"error: {failed}", err=True)
             sys.exit(EXIT_NOT_DONE)
         except KeyboardInterrupt:
-            click.echo("interrupted: the structure was brought to rest along its path", err=True)
+            click.echo("interrupted", err=True)
             sys.exit(EXIT_INTERRUPTED)
 
 
 def print_table(title: str, rows: Iterable[tuple[str, str]]) -> None:
     """Two columns, names and values."""
-    table = Table(title=title, show_header=False, title_justify="left", title_style="bold")
+    table = Table(title=escape(title), show_header=False, title_justify="left", title_style="bold")
     table.add_column(no_wrap=True)
     table.add_column()
     for name, value in rows:

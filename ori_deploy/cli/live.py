@@ -39,6 +39,7 @@ class Live:
             disable=not console.is_terminal,
         )
         self._task: TaskID | None = None
+        self._silent = False
         self._since = 0.0
         self._due = -math.inf
         self._latches = ""
@@ -62,9 +63,22 @@ class Live:
         if self._task is not None:
             self._progress.update(self._task, state=str(result.state), at=result.duration_s, refresh=True)
         verdict = f"{result.command}: {result.outcome} in {result.duration_s:.2f} s, state {result.state}"
-        console.print(verdict if result.fault is None else f"{verdict}; {result.fault}", markup=False, soft_wrap=True)
+        verdict = verdict if result.fault is None else f"{verdict}; {result.fault}"
+        try:
+            console.print(verdict, markup=False, soft_wrap=True)
+        except OSError:
+            self._silent = console.quiet = True
 
     def __call__(self, record: CycleRecord) -> None:
+        if self._silent:
+            return
+        try:
+            self._show(record)
+        except OSError:
+            # A full disk or a closed pipe behind the output: the motion is what matters, and it has its log.
+            self._silent = console.quiet = True
+
+    def _show(self, record: CycleRecord) -> None:
         if math.isnan(self._since):
             self._since = record.time_s
         at = record.time_s - self._since

@@ -8,13 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from types import FrameType
-from typing import Literal
+from types import FrameType, TracebackType
+from typing import Any, Literal, Self
 
 from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
+from ori_deploy.cli.frame import warn
 from ori_deploy.cli.live import Live
+from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
@@ -56,21 +58,34 @@ def make_bus(rig: ResolvedRig, plan: Plan, clock: Clock, start: Literal["stowed"
     return MockBus.from_rig(rig, clock, ends[0], ends[1], start=start)
 
 
-class Interrupted(KeyboardInterrupt):
-    """SIGTERM: treated as Ctrl-C, so that every way out brings the structure to rest."""
+class StopRequest:
+    """What SIGINT, SIGTERM and SIGHUP ask for: the structure comes to rest along its path.
 
+    The first signal only sets `requested`, which is looked at once per cycle: an exception out of nowhere
+    could leave a bus transaction half done. A second one raises KeyboardInterrupt.
+    """
 
-@contextmanager
-def _terminate_gently() -> Iterator[None]:
-    def interrupt(number: int, frame: FrameType | None) -> None:
+    SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __init__(self) -> None:
+        self.requested = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        self._before = {number: signal.signal(number, self._note) for number in self.SIGNALS}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
         del number, frame
-        raise Interrupted
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+        if self.requested:
+            raise KeyboardInterrupt
+        self.requested = True
 
 
 def carry_out(
@@ -80,8 +95,8 @@ def carry_out(
     log_path: Path | None,
     *,
     realtime: bool,
-) -> tuple[Plan, tuple[MotionResult, ...]]:
-    """Connect, arm, and carry commands out until one does not succeed.
+) -> tuple[Plan, tuple[MotionResult, ...], bool]:
+    """Connect, arm, and carry commands out until one does not succeed or a signal comes.
 
     Parameters
     ----------
@@ -94,6 +109,10 @@ def carry_out(
     realtime
         Pace to the wall instead of the virtual clock.
 
+    Returns
+    -------
+    The plan, a result per command that was begun, and whether a signal asked to stop.
+
     Raises
     ------
     InputError
@@ -101,28 +120,49 @@ def carry_out(
     BusError
         The bus cannot be opened.
     """
+    if log_path is not None:
+        refuse_overwriting(log_path, plan_path, rig_path)
     plan = load_plan(plan_path)
     rig = rig_for(rig_path, plan)
     clock: Clock = MonotonicClock() if realtime else VirtualClock(time.monotonic())
     bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed")
     results: list[MotionResult] = []
-    with _terminate_gently(), Live(plan, rig) as live, _log(log_path, plan, rig, digest(plan_path)) as log:
-        observers = (live,) if log is None else (live, log)
+    with StopRequest() as stop, Live(plan, rig) as live, _log(log_path, plan, rig, digest(plan_path)) as log:
+        observers = (live,) if log is None else (log, live)
         with Controller(plan, rig, bus, clock, observers) as controller:
             controller.connect()
             controller.arm()
             for command in commands:
                 live.begin(command)
                 getattr(controller, command)()
-                results.append(controller.run())
-                if log is not None and not results[-1].observer_errors:
-                    log.write_result(results[-1])
+                results.append(_run(controller, stop))
+                _write_result(log, results[-1])
                 live.end(results[-1])
-                if not results[-1].succeeded:
+                if stop.requested or not results[-1].succeeded:
                     break
                 if command != commands[-1]:
                     _dwell(controller, rig)
-    return plan, tuple(results)
+    return plan, tuple(results), stop.requested
+
+
+def _run(controller: Controller, stop: StopRequest) -> MotionResult:
+    """Step until the command has ended; a signal stops it along the path."""
+    stopping = False
+    while controller.under_way:
+        if stop.requested and not stopping:
+            stopping = True
+            controller.stop()
+        controller.step()
+    return controller.result()
+
+
+def _write_result(log: LogWriter | None, result: MotionResult) -> None:
+    if log is None or result.observer_errors:
+        return
+    try:
+        log.write_result(result)
+    except OSError as wrong:
+        warn(f"the result is not in the log: {wrong}")
 
 
 def _dwell(controller: Controller, rig: ResolvedRig) -> None:
@@ -143,13 +183,20 @@ def _log(path: Path | None, plan: Plan, rig: ResolvedRig, plan_sha256: str) -> I
     if path is None:
         yield None
         return
+    if not path.name or (path.exists() and not path.is_file()):
+        raise FileError(f"{path}: the log has to be a file", limit="a regular file", remedy="choose another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _keep_older(path)
         writer = LogWriter(path, plan, rig, plan_sha256=plan_sha256)
     except OSError as wrong:
         raise FileError(
             f"{path}: the log cannot be written", value=wrong.strerror, remedy="check the folder"
         ) from wrong
-    with writer:
+    try:
         yield writer
+    finally:
+        try:
+            _keep_older(path)
+            writer.close()
+        except OSError as wrong:
+            warn(f"the log is not whole: {wrong}; what was written is in {writer.partial_path}")

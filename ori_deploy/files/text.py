@@ -40,6 +40,8 @@ def read_toml(path: Path, schema: str) -> dict[str, Any]:
     text = read_text(path)
     try:
         data = tomllib.loads(text)
+    except RecursionError as wrong:
+        raise FileError(f"{path}: nested too deeply", remedy="check that this is the right file") from wrong
     except tomllib.TOMLDecodeError as wrong:
         json_like = text.lstrip().startswith("{")
         remedy = "this looks like a design or a plan: give the file a person wrote" if json_like else "mend the line"
@@ -53,6 +55,8 @@ def read_json(path: Path, schema: str) -> dict[str, Any]:
     text = read_text(path)
     try:
         data = json.loads(text, parse_constant=_refuse_constant)
+    except RecursionError as wrong:
+        raise FileError(f"{path}: nested too deeply", remedy="check that this is the right file") from wrong
     except json.JSONDecodeError as wrong:
         spec_like = "ori-deploy/spec" in text
         remedy = "this is a specification: run ori-deploy design on it first" if spec_like else "make the file again"
@@ -101,6 +105,9 @@ def write_atomically(path: Path, content: str | bytes) -> None:
     """
     data = content.encode() if isinstance(content, str) else content
     temporary: str | None = None
+    path = path.resolve()  # through a link, not in its place
+    if not path.name or (path.exists() and not path.is_file()):
+        raise FileError(f"{path}: not a file", limit="a regular file", remedy="choose another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -122,7 +129,10 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 
 def digest(path: Path) -> str:
     """SHA-256 of a file, hexadecimal."""
-    return hashlib.sha256(read_text(path).encode()).hexdigest()
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as wrong:
+        raise FileError(f"{path}: cannot be read", value=wrong.strerror, remedy="check the name") from wrong
 
 
 def refuse_keys(source: str, document: dict[str, Any], wrong: ValidationError) -> FileError:

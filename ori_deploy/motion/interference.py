@@ -244,16 +244,19 @@ class Interference:
         """
         rows = self._rows(fold)
         n_pairs = self.pairs.shape[1]
-        block = max(1, _BLOCK // max(n_pairs, 1))
-        for start in range(0, len(rows), block):
-            some = rows[start : start + block]
+        block = max(2, _BLOCK // max(n_pairs, 1))
+        for start in range(0, max(len(rows) - 1, 1), block - 1):
+            some = rows[start : start + block]  # one pose more than intervals: blocks share their ends
+            poses = self.mechanism.poses(some)
             pose, pair = (a.ravel() for a in np.indices((len(some), n_pairs)))
-            hit = self.hits(self.mechanism.poses(some), pose, pair)
+            hit = self.hits(poses, pose, pair)
             if hit.any():
                 first = pose[hit].min()
                 return self._worst(some[first], pair[hit & (pose == first)])
-        if between and len(rows) > 1:
-            return self._between(rows, self.mechanism.poses(rows))
+            if between and len(some) > 1:
+                found = self._between(some, poses)
+                if found is not None:
+                    return found
         return None
 
     def _worst(self, fold: Reals, pairs: Indices) -> Collision:

@@ -22,6 +22,7 @@ _LEADS = np.concatenate(
     [np.linspace(0.0, 0.9, 19)[1:], [0.92, 0.94, 0.95, 0.96, 0.97, 0.98, 0.985, 0.99, 0.995, 1.0]]
 )
 _EXHAUSTIVE_CELLS = 6
+_FINE_CELLS = 8
 _PATTERNS = 48
 
 SEATING_SPREAD = 0.02
@@ -90,6 +91,7 @@ def out_of_step_patterns(interference: Interference, seed: int = 0) -> Reals:
         chosen = generator.integers(0, 2, (_PATTERNS, n)).astype(float)
         chosen = chosen[np.ptp(chosen, axis=1) > 0.0]
         sharp = np.unique(np.concatenate([single, 1.0 - single, sides, 1.0 - sides, chosen]), axis=0)
+        sharp = sharp[np.sort(generator.permutation(len(sharp))[: 2 * _PATTERNS])]
     graded = generator.random((min(len(sharp), _PATTERNS), n))
     low, high = graded.min(axis=1, keepdims=True), graded.max(axis=1, keepdims=True)
     return np.concatenate([sharp, (graded - low) / (high - low)])
@@ -100,10 +102,10 @@ def _free(interference: Interference, patterns: Reals, lead: float, spread: floa
     return interference.first_collision(folds, between=False) is None
 
 
-def _largest_free(interference: Interference, patterns: Reals, lead: float) -> float:
+def _largest_free(interference: Interference, patterns: Reals, lead: float, ladder: Reals) -> float:
     """Largest spread on the ladder with it and all smaller ones free; 1.0 where all that fit below `lead` are."""
     safe = 0.0
-    for spread in _SPREADS[lead > _SPREADS]:
+    for spread in ladder[ladder < lead]:
         if not _free(interference, patterns, lead, spread):
             return safe
         safe = float(spread)
@@ -123,14 +125,17 @@ def step_tolerance(interference: Interference, seed: int = 0) -> StepTolerance:
     patterns = out_of_step_patterns(interference, seed)
     if not len(patterns):
         return StepTolerance(np.array([1.0]), np.array([1.0]), 1.0, 0.0)
-    at_lead = np.array([_largest_free(interference, patterns, float(lead)) for lead in _LEADS])
+    # Many cells: every second rung and lead keeps planning a matter of seconds. Coarser is safer, not riskier.
+    stride = 1 if interference.mechanism.n_cells <= _FINE_CELLS else 2
+    leads, ladder = _LEADS[::-stride][::-1], _SPREADS[::stride]
+    at_lead = np.array([_largest_free(interference, patterns, float(lead), ladder) for lead in leads])
     # Between two leads the smaller of both counts.
     spread = np.minimum(at_lead, np.append(at_lead[0], at_lead[:-1]))
     tight = np.flatnonzero(spread < SEATING_SPREAD)
     if not len(tight):
-        return StepTolerance(_LEADS, spread, 1.0, 0.0)
-    seating_fold = float(_LEADS[tight[0] - 1]) if tight[0] > 0 else 0.0
-    leads = _LEADS[seating_fold <= _LEADS]
-    folds = np.clip(leads[:, None, None] - SEATING_SPREAD * (1.0 - patterns), 0.0, 1.0).reshape(-1, patterns.shape[1])
+        return StepTolerance(leads, spread, 1.0, 0.0)
+    seating_fold = float(leads[tight[0] - 1]) if tight[0] > 0 else 0.0
+    late = leads[leads >= seating_fold]
+    folds = np.clip(late[:, None, None] - SEATING_SPREAD * (1.0 - patterns), 0.0, 1.0).reshape(-1, patterns.shape[1])
     depth = max(interference.penetration_bound_m(some) for some in np.array_split(folds, 1 + len(folds) // 2000))
-    return StepTolerance(_LEADS, spread, seating_fold, depth)
+    return StepTolerance(leads, spread, seating_fold, depth)

@@ -142,7 +142,7 @@ def test_demo_leaves_everything_it_promises(tmp_path: Path) -> None:
         assert row in done.stdout
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interruption_brings_it_to_rest_and_keeps_the_log(made: Path, tmp_path: Path, number: signal.Signals) -> None:
     command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(made / "wing.plan.json")]
     command += ["--rig", str(EXAMPLES / "rig_mock.toml"), "--log", "cut.mcap", "--realtime"]
@@ -161,4 +161,63 @@ def test_interruption_brings_it_to_rest_and_keeps_the_log(made: Path, tmp_path: 
     assert "Traceback" not in errors
     done = run("report", "cut.mcap", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "interrupted" in (tmp_path / "cut.html").read_text()
+    assert "stopped" in (tmp_path / "cut.html").read_text().lower()
+
+
+def test_a_closed_pipe_does_not_end_the_motion(made: Path, tmp_path: Path) -> None:
+    words = f"{sys.executable} -m ori_deploy.cli deploy {made / 'wing.plan.json'} --rig {EXAMPLES / 'rig_mock.toml'}"
+    subprocess.run(f"{words} --log pipe.mcap | head -n 1", shell=True, cwd=tmp_path, check=True, timeout=60)
+    assert run("report", "pipe.mcap", cwd=tmp_path).returncode == 0
+    assert "Deployed with every latch confirmed" in (tmp_path / "pipe.html").read_text()
+
+
+def test_a_full_disk_behind_the_output_does_not_end_the_motion(made: Path, tmp_path: Path) -> None:
+    words = f"{sys.executable} -m ori_deploy.cli deploy {made / 'wing.plan.json'} --rig {EXAMPLES / 'rig_mock.toml'}"
+    subprocess.run(f"{words} --log full.mcap > /dev/full", shell=True, cwd=tmp_path, check=False, timeout=60)
+    assert run("report", "full.mcap", cwd=tmp_path).returncode == 0
+    assert "Deployed with every latch confirmed" in (tmp_path / "full.html").read_text()
+
+
+def test_an_older_log_is_kept(made: Path, tmp_path: Path) -> None:
+    words = ("deploy", made / "wing.plan.json", "--rig", EXAMPLES / "rig_mock.toml", "--log", "run.mcap")
+    assert run(*words, cwd=tmp_path).returncode == 0
+    first = (tmp_path / "run.mcap").read_bytes()
+    assert run(*words, cwd=tmp_path).returncode == 0
+    assert (tmp_path / "run-1.mcap").read_bytes() == first
+
+
+def test_inputs_are_never_overwritten(made: Path, tmp_path: Path) -> None:
+    spec = tmp_path / "s.toml"
+    spec.write_text((EXAMPLES / "ellipse_4.toml").read_text())
+    assert run("design", spec, "-o", spec, cwd=tmp_path).returncode == 2
+    assert spec.read_text() == (EXAMPLES / "ellipse_4.toml").read_text()
+    plan = made / "wing.plan.json"
+    before = plan.read_bytes()
+    done = run("deploy", plan, "--rig", EXAMPLES / "rig_mock.toml", "--log", plan, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "is an input" in done.stderr
+    assert plan.read_bytes() == before
+
+
+def test_a_rig_that_allows_less_than_the_plan_needs_is_refused(made: Path, tmp_path: Path) -> None:
+    text = (EXAMPLES / "rig_mock.toml").read_text()
+    slow = text.replace("max_crease_velocity_rad_s = 0.6", "max_crease_velocity_rad_s = 0.1")
+    assert slow != text
+    (tmp_path / "slow.toml").write_text(slow)
+    done = run("deploy", made / "wing.plan.json", "--rig", "slow.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "beyond what this rig allows" in done.stderr
+    assert "plan again with this rig" in done.stderr
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, "{" * 10, "", "\xff"])
+def test_files_that_are_not_what_they_should_be_are_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "x.json").write_bytes(content.encode("latin-1"))
+    for words in (
+        ("plan", "x.json", "--rig", EXAMPLES / "rig_mock.toml"),
+        ("design", "x.json"),
+        ("report", "x.json"),
+    ):
+        done = run(*words, cwd=tmp_path)
+        assert done.returncode == 2, done.stderr
+        assert "Traceback" not in done.stderr
