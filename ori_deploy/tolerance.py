@@ -31,6 +31,10 @@ class Tolerance:
     edge_end
         Part of an inner edge at each end, over the profile's size, that is judged by directions at
         the vertex instead of by crossing the sampled outline, which leaves the true one by its sagitta.
+    thickness
+        Thickest panel, over the profile's size, below which a structure is all air and no box holds it.
+    dead_centre_rad
+        Least dead-centre margin. At less, rounding in (3) is magnified to angles a motor would see.
     sagitta
         Distance between the outline and the polygon drawn for it, over the profile's size. A
         quarter of `penetration`, so that sampling cannot hide what the check looks for.
@@ -54,6 +58,8 @@ class Tolerance:
     corner_rad: float = 0.7
     vertex_gap: float = 1e-6
     edge_end: float = 1e-3
+    thickness: float = 1e-8
+    dead_centre_rad: float = 1e-4
     sagitta: float = 2.5e-5
     penetration: float = 1e-4
     motion_step: float = 0.02

@@ -24,6 +24,9 @@ from ori_deploy.files import (
 from ori_deploy.motion import Mechanism, Plan, plan_motion
 from ori_deploy.telemetry.read import read_run
 
+_SPARE_DEG = 1.0
+"""Dead-centre margin below which a person is told (geometry: some degrees to spare)."""
+
 SPEC_ENDING, DESIGN_ENDING, PLAN_ENDING = ".toml", ".design.json", ".plan.json"
 
 
@@ -40,6 +43,9 @@ def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]
     parsed, structure = build_from_file(spec)
     made = Design(spec.name.removesuffix(SPEC_ENDING), parsed.structure.span_m, structure)
     data = save_design(made, output)
+    margin = float(np.degrees(structure.cells.dead_centre_margin.min()))
+    if margin < _SPARE_DEG:
+        warn(f"the smallest dead-centre margin is {margin:.2g} deg: below {_SPARE_DEG:g} deg a motor has little hold")
     for vertex, cells in structure.layout.overfull_vertices:
         warn(
             f"this structure cannot fold flat: cells {', '.join(cells)} are bonded in a row at opening vertex "

@@ -200,7 +200,7 @@ def _refuse_void(names: tuple[str, ...], cells: Cells, turn: Reals, wall_m: floa
 
 def _refuse_dead_centre(names: tuple[str, ...], cells: Cells) -> None:
     margin = cells.dead_centre_margin
-    bad = np.argwhere(~(margin > 0.0))
+    bad = np.argwhere(~(margin > TOLERANCE.dead_centre_rad))
     if len(bad):
         cell, k = bad[0]
         where = "ab"[k]

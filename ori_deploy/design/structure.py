@@ -150,4 +150,12 @@ def build(e: Embedding, wall_m: float) -> Structure:
     corner = corners_of(e)
     opening = opening_creases(e, corner)
     cells = build_cells(e, corner, opening, wall_m)
+    thickest = float((cells.rim + cells.offset).max())
+    if thickest <= TOLERANCE.thickness * e.profile.size:
+        raise CellError(
+            "structure: no panel has any thickness",
+            value=f"{thickest:.3g} m",
+            limit=f"more than {TOLERANCE.thickness * e.profile.size:.3g} m somewhere",
+            remedy="give wall_m > 0: flat skins between closing vertices need no rim",
+        )
     return Structure(e, wall_m, corner, opening, cells)

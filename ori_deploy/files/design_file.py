@@ -142,13 +142,21 @@ def load_design(path: Path) -> Design:
     except InputError as wrong:
         wrong.source = wrong.source or str(path)
         raise
-    except (KeyError, TypeError, ValueError, IndexError) as wrong:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as wrong:
         raise FileError(
             f"{path}: not a whole design",
             value=f"{type(wrong).__name__}: {wrong}",
             remedy="make it again with ori-deploy design",
         ) from wrong
-    if not span > 0.0:
+    if data.get("kind") != "cylinder":
+        raise FileError(
+            f"{path}: kind", value=repr(data.get("kind")), limit="'cylinder'", remedy="make the file again"
+        )
+    ids = [[cell.get("id") for cell in cells] for cells in (data["layout"]["cells"], data["cells"])]
+    panel_ids = [panel.get("id") for panel in data.get("panels", [])]
+    if ids != 2 * [list(structure.layout.cell_ids)] or panel_ids != list(structure.layout.panel_ids):
+        raise FileError(f"{path}: ids of cells or panels", limit="c1, c2, … in order", remedy="make the file again")
+    if not 0.0 < span <= 1e4:
         raise FileError(f"{path}: span_m", value=span, limit="> 0", remedy="make it again with ori-deploy design")
     _compare(path, structure, recorded, data)
     return Design(name, span, structure, digest(path))

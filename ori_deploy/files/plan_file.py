@@ -63,7 +63,7 @@ def load_plan(path: Path) -> Plan:
     data = read_json(path, PLAN_SCHEMA)
     try:
         plan = _plan(data)
-    except (KeyError, TypeError, ValueError) as wrong:
+    except (KeyError, TypeError, ValueError, OverflowError) as wrong:
         raise FileError(
             f"{path}: not a whole plan",
             value=f"{type(wrong).__name__}: {wrong}",
@@ -82,6 +82,22 @@ def load_plan(path: Path) -> Plan:
                 limit=f"finite, {(n, cells, 4)}",
                 remedy="make the plan again",
             )
+    steps = plan.step_tolerance
+    if not (
+        len(steps.lead) == len(steps.spread) > 0
+        and steps.lead[-1] == 1.0
+        and (np.diff(steps.lead) > 0.0).all()
+        and ((steps.spread >= 0.0) & (steps.spread <= 1.0)).all()
+        and 0.0 <= steps.seating_fold <= 1.0
+        and steps.seating_depth_m >= 0.0
+    ):
+        raise FileError(
+            f"{path}: step_tolerance is damaged", limit="as ori-deploy plan writes it", remedy="make the plan again"
+        )
+    if not (plan.latch_points and all(isinstance(name, str) for name in (*plan.latch_points, *plan.cell_ids))):
+        raise FileError(
+            f"{path}: latch_points or cell_ids are damaged", limit="lists of names", remedy="make the plan again"
+        )
     rising = n > 1 and plan.fold.shape == (n,) and plan.fold[0] == 0.0 and plan.fold[-1] == 1.0
     if not (rising and (np.diff(plan.fold) >= 0.0).all() and (np.diff(plan.time_s) > 0.0).all()):
         raise FileError(f"{path}: fold does not run from 0 to 1 over increasing times", remedy="make the plan again")
@@ -95,7 +111,7 @@ def _plan(data: dict[str, Any]) -> Plan:
     return Plan(
         design_sha256=str(data["design_sha256"]),
         design_name=str(data["design_name"]),
-        cell_ids=tuple(data["cell_ids"]),
+        cell_ids=tuple(list(data["cell_ids"]) if isinstance(data["cell_ids"], list) else ()),
         rate_hz=float(data["rate_hz"]),
         time_s=np.array(data["time_s"], dtype=float),
         fold=np.array(data["fold"], dtype=float),

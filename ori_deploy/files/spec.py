@@ -17,9 +17,10 @@ from ori_deploy.profiles import Naca4, PointOutline, Profile, Superellipse, pars
 SPEC_SCHEMA = "ori-deploy/spec/1"
 TURN = 6.2832
 
-Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Angle = Annotated[float, Field(ge=-TURN, le=TURN, allow_inf_nan=False)]
+Length = Annotated[float, Field(strict=True, ge=1e-6, le=1e4, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0.0, le=100.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(strict=True, ge=-1e4, le=1e4, allow_inf_nan=False)]
+Angle = Annotated[float, Field(strict=True, ge=-TURN, le=TURN, allow_inf_nan=False)]
 """Radians, a turn either way: more is likelier to be degrees."""
 
 
@@ -45,7 +46,7 @@ class SuperellipseSpec(_Strict):
     kind: Literal["superellipse"]
     a_m: Length
     b_m: Length
-    exponent: Length
+    exponent: Positive
 
     def make(self, folder: Path) -> Profile:
         del folder
@@ -88,7 +89,7 @@ class StructureSpec(_Strict):
     """`[structure]`."""
 
     span_m: Length
-    wall_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    wall_m: Annotated[float, Field(strict=True, ge=0.0, le=1e4, allow_inf_nan=False)]
 
 
 class VertexSpec(_Strict):
@@ -138,7 +139,7 @@ class VertexSpec(_Strict):
 class RingSpec(_Strict):
     """`[layout] ring`: cells round one inner vertex P, evenly in the natural parameter."""
 
-    cells: int
+    cells: Annotated[int, Field(strict=True, le=200)]
     center_m: tuple[Finite, Finite] = (0.0, 0.0)
     phase_rad: Angle = 0.0
 

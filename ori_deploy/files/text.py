@@ -23,6 +23,8 @@ def read_text(path: Path) -> str:
     FileError
         It cannot be read.
     """
+    if "\0" in str(path):
+        raise FileError(f"{str(path)!r}: not a file name", limit="no NUL characters", remedy="mend the name")
     try:
         return path.read_text(encoding="utf-8")
     except OSError as wrong:
@@ -65,6 +67,8 @@ def read_json(path: Path, schema: str) -> dict[str, Any]:
         raise FileError(
             f"{path}: holds {wrong}", limit="finite numbers", remedy="make the file again instead of editing it"
         ) from wrong
+    except ValueError as wrong:
+        raise FileError(f"{path}: holds a number beyond all use", value=str(wrong)[:80], remedy="mend it") from wrong
     if not isinstance(data, dict):
         raise FileError(
             f"{path}: not a JSON object",

@@ -26,6 +26,9 @@ from ori_deploy.tolerance import TOLERANCE, Tolerance
 
 Indices = NDArray[np.intp]
 
+_THINNING = 20
+"""Halvings of the allowed penetration: a millionth of it is far above rounding, far below any sheet."""
+
 _BLOCK = 400_000
 """Pairs times poses judged at a time: bounds memory, not results."""
 
@@ -98,7 +101,10 @@ class Interference:
 
     @cached_property
     def _shapes(self) -> NDArray[np.object_]:
-        return np.array([shapely.Polygon(xy(o)) if len(o) > 2 else shapely.Polygon() for o in self.outlines])
+        shapes = np.array([shapely.Polygon(xy(o)) if len(o) > 2 else shapely.Polygon() for o in self.outlines])
+        bad = ~shapely.is_valid(shapes)  # outlines that touch themselves where a hollow is as deep as the wall
+        shapes[bad] = shapely.make_valid(shapes[bad])
+        return shapes
 
     def _shrunk(self, depth_m: float) -> NDArray[np.object_]:
         shrunk = shapely.buffer(self._shapes, -depth_m)
@@ -106,8 +112,31 @@ class Interference:
         return np.asarray(shrunk)
 
     @cached_property
+    def allowed_each_m(self) -> Reals:
+        """(n_panels,) allowed penetration into each panel, metres: less where the panel is thin.
+
+        A panel shrunk by half its thickness is gone and would let anything through; so a panel is shrunk by
+        less until most of it is left.
+        """
+        allowed = np.full(len(self._shapes), self.allowed_m)
+        whole = shapely.area(self._shapes)
+        for _ in range(_THINNING):
+            left = shapely.area(shapely.buffer(self._shapes, -allowed))
+            thin = (left < 0.5 * whole) & (whole > 0.0)
+            if not thin.any():
+                break
+            allowed[thin] *= 0.5
+        return allowed
+
+    @cached_property
     def _core(self) -> NDArray[np.object_]:
-        return self._shrunk(self.allowed_m)
+        core = shapely.buffer(self._shapes, -self.allowed_each_m)
+        shapely.prepare(core)
+        return np.asarray(core)
+
+    def _allowed(self, pair: Indices) -> Reals:
+        """The smaller of both panels' allowed penetrations."""
+        return np.asarray(self.allowed_each_m[self.pairs[:, pair]].min(axis=0))
 
     @cached_property
     def pairs(self) -> Indices:
@@ -183,7 +212,7 @@ class Interference:
         """Whether `pair[k]` penetrates deeper than allowed at `pose[k]`."""
         hit = np.zeros(len(pair), dtype=bool)
         # Boxes that overlap by no more than the allowed depth along one axis cannot hide a deeper point.
-        near = np.flatnonzero(self._gaps(poses, pose, pair) < -self.allowed_m)
+        near = np.flatnonzero(self._gaps(poses, pose, pair) < -self._allowed(pair))
         hit[near] = self._overlap(poses, pose[near], pair[near], self._core)
         return hit
 
@@ -218,7 +247,10 @@ class Interference:
         return np.asarray(shapely.distance(self._shapes[j], self._moved(poses, pose, i, j)))
 
     def depth_m(self, fold: ArrayLike, pair: int) -> float:
-        """Depth to which a point of one panel of a pair lies inside the other at one fold, metres."""
+        """Depth to which a point of one panel of a pair lies inside the other at one fold, metres.
+
+        At most half the thicker panel's thickness, however far the panels cross.
+        """
         poses = self.mechanism.poses(np.atleast_2d(np.asarray(fold, dtype=float)))
         at, which = np.zeros(1, dtype=np.intp), np.array([pair], dtype=np.intp)
         lo, hi = 0.0, float(self._boxes[2][self.pairs[:, pair]].max())
@@ -289,7 +321,7 @@ class Interference:
         at_low = Poses(poses.turn[:, :-1], poses.shift[:, :-1])
         at_high = Poses(poses.turn[:, 1:], poses.shift[:, 1:])
         while len(pair):
-            need = self._travel(at_low, at_high, interval, pair) - 2.0 * self.allowed_m
+            need = self._travel(at_low, at_high, interval, pair) - 2.0 * self._allowed(pair)
             have = np.maximum(self._gaps(at_low, interval, pair), 0.0) + np.maximum(
                 self._gaps(at_high, interval, pair), 0.0
             )

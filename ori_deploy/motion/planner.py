@@ -11,7 +11,7 @@ from ori_deploy.errors import MotionError
 from ori_deploy.motion.interference import Interference
 from ori_deploy.motion.plan import MotionCheck, Plan
 from ori_deploy.motion.poses import Mechanism
-from ori_deploy.motion.slits import checked_folds, free_slits
+from ori_deploy.motion.slits import TRIED, checked_folds, free_slits
 from ori_deploy.motion.step_tolerance import step_tolerance
 from ori_deploy.motion.timing import check_limits, time_path
 from ori_deploy.profiles.profile import Reals
@@ -24,7 +24,7 @@ _CLEARANCE_POSES = 181
 def _remedy(interference: Interference) -> str:
     free = list(islice(free_slits(interference.mechanism.structure, interference.tolerance), 3))
     if not free:
-        return "thinner walls, or move the vertices of these cells: no other choice of slits is free either"
+        return f"thinner walls, or move the vertices of these cells: none of up to {TRIED} choices of slits is free"
     written = [str([list(pair) for pair in slits]).replace("'", '"') for slits in free]
     return f"slits = {' or '.join(written)} would be free"
 

@@ -16,14 +16,17 @@ from ori_deploy.motion.poses import Mechanism
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.tolerance import TOLERANCE, Tolerance
 
+TRIED = 64
+"""Choices of slits that are tried before giving up."""
+
 
 def checked_folds(mechanism: Mechanism, tolerance: Tolerance = TOLERANCE) -> Reals:
     """Folds in step, 0 to 1, close enough that no panel moves more than `motion_step` between two of them."""
     coarse = np.linspace(0.0, 1.0, 201)
     poses = mechanism.poses(coarse)
-    reach = np.abs(mechanism.structure.embedding.z).max() + mechanism.structure.profile.size
-    step = np.abs(np.diff(poses.shift, axis=1)) + np.abs(np.diff(poses.turn, axis=1)) * reach
-    longest = step.max(axis=0) / (tolerance.motion_step * mechanism.structure.profile.size)
+    size, middle = mechanism.structure.profile.size, mechanism.structure.embedding.z.mean()
+    step = np.abs(np.diff(poses.turn * middle + poses.shift, axis=1)) + np.abs(np.diff(poses.turn, axis=1)) * size
+    longest = step.max(axis=0) / (tolerance.motion_step * size)
     pieces = [
         np.linspace(a, b, int(np.ceil(n)) if n > 1.0 else 1, endpoint=False)
         for a, b, n in zip(coarse, coarse[1:], longest, strict=False)
@@ -56,7 +59,7 @@ def deploys_free(structure: Structure, tolerance: Tolerance = TOLERANCE) -> bool
 
 
 def free_slits(
-    structure: Structure, tolerance: Tolerance = TOLERANCE, limit: int = 64
+    structure: Structure, tolerance: Tolerance = TOLERANCE, limit: int = TRIED
 ) -> Iterator[tuple[tuple[str, str], ...]]:
     """Choices of slits with which the same cells deploy in step without touching; at most `limit` are tried.
 

@@ -14,14 +14,21 @@ from ori_deploy.profiles.profile import Reals
 
 _NODES = 401
 
-_NO_VELOCITY_RAD_S, _NO_ACCELERATION_RAD_S2 = 1e3, 1e5
-"""Stand in for no limit, which the solver cannot take: no motor turns a crease this fast."""
+_NO_LIMIT = 1e3
+"""Times the largest limit there is: stands in for no limit, which the solver cannot take."""
+
+_MOST_SAMPLES = 1_000_000
 
 
 def _nodes() -> Reals:
     """Folds at which the path is sampled: dense near the flat state, where thin walls make angles turn fast."""
     even = np.linspace(0.0, 1.0, _NODES)
     return 0.5 * even + 0.5 * even**3
+
+
+def _range(limits: Reals) -> str:
+    finite = limits[np.isfinite(limits)]
+    return f"{finite.min():.3g} to {finite.max():.3g}"
 
 
 def check_limits(limits: Reals, what: str, cell_ids: tuple[str, ...]) -> None:
@@ -72,8 +79,9 @@ def time_path(
     if speed is None or not np.isfinite(speed).all():
         raise MotionError(
             "timing: no motion satisfies the limits",
-            limit="crease velocity and acceleration limits",
-            remedy="raise them",
+            value=f"{_range(velocity)} rad/s, {_range(acceleration)} rad/s2",
+            limit="limits of all creases within a few powers of ten of each other",
+            remedy="mend the smallest or the largest",
         )
     return _sample(four_bars, nodes, speed, limited, velocity[limited], acceleration[limited], rate_hz)
 
@@ -85,7 +93,11 @@ def _path_speed(nodes: Reals, angles: Reals, top_v: Reals, top_a: Reals) -> Real
     from toppra import algorithm, constraint
 
     logging.getLogger("toppra").setLevel(logging.WARNING)
-    top_v, top_a = np.minimum(top_v, _NO_VELOCITY_RAD_S), np.minimum(top_a, _NO_ACCELERATION_RAD_S2)
+    top_v = np.where(np.isfinite(top_v), top_v, _NO_LIMIT * top_v[np.isfinite(top_v)].max())
+    top_a = np.where(np.isfinite(top_a), top_a, _NO_LIMIT * top_a[np.isfinite(top_a)].max())
+    # In units of time in which the fastest crease does one radian: the solver has no sense of other scales.
+    unit = float(top_v.max())
+    top_v, top_a = top_v / unit, top_a / unit**2
     constraints = [
         constraint.JointVelocityConstraint(np.stack([-top_v, top_v], axis=1)),
         constraint.JointAccelerationConstraint(
@@ -95,7 +107,7 @@ def _path_speed(nodes: Reals, angles: Reals, top_v: Reals, top_a: Reals) -> Real
     path = toppra.SplineInterpolator(nodes, angles)
     solver = algorithm.TOPPRA(constraints, path, gridpoints=nodes, solver_wrapper="seidel")
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
-    return None if speed is None else np.asarray(speed, dtype=np.float64)
+    return None if speed is None else np.asarray(speed * unit, dtype=np.float64)
 
 
 def _sample(
@@ -113,6 +125,13 @@ def _sample(
     stretch = 1.0
     for _ in range(8):
         duration = at_node[-1] * stretch
+        if not duration * rate_hz <= _MOST_SAMPLES:
+            raise MotionError(
+                "timing: the motion takes too long to be sampled",
+                value=f"{duration:.3g} s at {rate_hz:g} Hz",
+                limit=f"{_MOST_SAMPLES} samples",
+                remedy="raise the crease limits or lower rate_hz",
+            )
         count = max(int(np.ceil(duration * rate_hz)), 2)
         # The rate stays as asked and the end falls on a sample: time is stretched by less than one period.
         stretch = count / rate_hz / at_node[-1]

@@ -34,11 +34,11 @@ class Naca4(Profile):
     """
 
     def __init__(self, code: str, chord_m: float, *, resolution: int = 512) -> None:
-        if not re.fullmatch(r"\d{4}", code) or code[2:] == "00":
+        if not re.fullmatch(r"\d{4}", code) or code[2:] == "00" or (code[0] != "0" and code[1] == "0"):
             raise ProfileError(
                 "profile: code is not a NACA 4-digit section",
                 value=repr(code),
-                limit="four digits, the last two not 00",
+                limit="four digits, the last two not 00, no camber without its place",
                 remedy='for example code = "2412"',
             )
         if not (np.isfinite(chord_m) and chord_m > 0.0):

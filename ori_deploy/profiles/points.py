@@ -70,8 +70,9 @@ class PointOutline(Profile):
         return {"kind": "points", "chord_m": self.chord_m, "smooth": self.smooth, "points": points}
 
     def at_chord(self, x_chord: float, side: Side) -> float:
-        if x_chord in (0.0, 1.0):
-            return self._nose if x_chord == 0.0 else 0.0
+        for end, at in ((self._nose, 0.0), (0.0, 1.0)):
+            if x_chord == at and abs(self.point(end).real - at * self.chord_m) <= 1e-3 * self.chord_m:
+                return end
         return chord_crossing(self, x_chord, side, self._nose)
 
     def _evaluate(self, s: Reals, order: int) -> tuple[Points, ...]:
@@ -96,7 +97,8 @@ def _clean(points: ArrayLike) -> Points:
             remedy="mend or remove the point",
         )
     z = array[:, 0] + 1j * array[:, 1]
-    keep = np.abs(z - np.roll(z, 1)) > 1e-12 * float(np.ptp(array, axis=0).max())
+    # Of two equal points the later one goes: the outline starts where the file does.
+    keep = np.abs(np.roll(z, -1) - z) > 1e-12 * float(np.ptp(array, axis=0).max())
     z = z[keep]
     if len(z) < 3:
         raise ProfileError(
@@ -115,7 +117,8 @@ def _spline(z: Points, knots: Reals) -> Points:
     """Cubic coefficients (4, n) of a spline that is C2 except at corners."""
     edge = np.diff(np.append(z, z[0]))
     turn = np.abs(np.angle(edge / np.roll(edge, 1)))
-    corners = np.flatnonzero(turn > TOLERANCE.corner_rad)
+    # Sparse samples of a smooth curve turn by much everywhere, a corner by much more than its neighbours.
+    corners = np.flatnonzero((turn > TOLERANCE.corner_rad) & (turn > 2.0 * np.median(turn)))
     closed = np.append(z, z[0])
     if len(corners) == 0:
         return np.asarray(CubicSpline(knots, closed, bc_type="periodic").c)
@@ -146,17 +149,13 @@ def parse_dat(text: str, source: str = "dat file") -> Reals:
         A line that is not two numbers, with its line number.
     """
     rows: list[tuple[float, float]] = []
-    blank_after: list[int] = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
         words = line.replace(",", " ").split("#")[0].split()
-        if not words:
-            blank_after.append(len(rows))
-            continue
+        if not words or (not rows and not _starts_like_a_number(words[0])):
+            continue  # blank, or a name line before the first point
         try:
             x, y = (float(w) for w in words)
         except ValueError:
-            if not rows:
-                continue  # the name line, one or several
             raise ProfileError(
                 f"{source}, line {number}: not two numbers",
                 value=repr(line.strip()),
@@ -164,8 +163,24 @@ def parse_dat(text: str, source: str = "dat file") -> Reals:
                 remedy="mend the line",
             ) from None
         rows.append((x, y))
-    if rows and rows[0][0] > 1.5 and rows[0][1] > 1.5 and sum(rows[0]) == len(rows) - 1:
-        upper = int(rows[0][0])
-        body = np.array(rows[1:])
-        return np.concatenate([body[:upper][::-1], body[upper:]])
+    if rows and min(rows[0]) > 1.5 and all(float(n).is_integer() for n in rows[0]):
+        return _lednicer(rows, source)
     return np.array(rows, dtype=float).reshape(-1, 2)
+
+
+def _starts_like_a_number(word: str) -> bool:
+    return word[0] in "0123456789.+-"
+
+
+def _lednicer(rows: list[tuple[float, float]], source: str) -> Reals:
+    """One loop from two sides that each run from the nose back; the first row has their point counts."""
+    upper, lower = (int(n) for n in rows[0])
+    if upper + lower != len(rows) - 1:
+        raise ProfileError(
+            f"{source}: the point counts of its first row do not fit",
+            value=f"{upper} and {lower}",
+            limit=f"{len(rows) - 1} points follow",
+            remedy="mend the counts, or remove the row",
+        )
+    body = np.array(rows[1:])
+    return np.concatenate([body[:upper][::-1], body[upper:]])

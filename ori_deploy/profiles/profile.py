@@ -280,6 +280,12 @@ class Profile(ABC):
         density = np.sqrt(np.abs((np.conj(df) * ddf).imag) / speed)
         return ends, np.append(0.0, np.cumsum(width * (density @ _GAUSS_WEIGHTS)))
 
+    @cached_property
+    def corners(self) -> Reals:
+        """Parameters where the outline turns by more than a thousandth of a degree at once."""
+        before, after = self.tangents(self.breaks)
+        return self.breaks[np.abs(np.angle(after / before)) > 2e-5]
+
     def sample(self, start: float, stop: float, sagitta: float) -> Points:
         """Points along `start <= s <= stop`, both ends and every corner included.
 
@@ -291,7 +297,7 @@ class Profile(ABC):
             Largest distance between the outline and the polygon through the points, metres.
         """
         ends, bend = self._bend
-        corners = [c + k * self.period for k in (-1, 0, 1) for c in self.breaks]
+        corners = [c + k * self.period for k in (-1, 0, 1) for c in self.corners]
         inside = sorted(c for c in corners if start < c < stop)
         nodes = np.array([start, *inside, stop])
         turns = np.floor(nodes / self.period)

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from ori_deploy.design import Structure, build
 from ori_deploy.errors import CellError, InputError, LayoutError
-from ori_deploy.profiles import Superellipse, xy
+from ori_deploy.profiles import PointOutline, Superellipse, xy
 from tests.oracle.bridge import retold
 from tests.shapes import CATALOGUE, peanut, ring_on, structure, wing
 
@@ -250,3 +250,11 @@ def test_cell_beyond_its_dead_centre_is_refused() -> None:
 def test_nonsense_wall_is_refused(wall: float) -> None:
     with pytest.raises(CellError, match="wall_m"):
         build(ring_on(Superellipse(1.0, 0.6), 4), wall)
+
+
+def test_structure_of_air_is_refused() -> None:
+    square = PointOutline([[0, 0], [1, 0], [1, 1], [0, 1]], smooth=False)
+    e = ring_on(square, 4, phase=0.25 * np.pi, centre=(0.5, 0.5))
+    with pytest.raises(CellError, match="no panel has any thickness"):
+        build(e, 0.0)
+    assert build(e, 0.01).eta > 1.0

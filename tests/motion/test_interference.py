@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ori_deploy.design import build, embed
 from ori_deploy.motion import Interference, Mechanism, step_tolerance
+from ori_deploy.motion.slits import checked_folds
 from ori_deploy.motion.step_tolerance import SEATING_SPREAD, out_of_step_patterns
+from ori_deploy.profiles import PointOutline, Superellipse
 from tests.oracle.bridge import retold
 from tests.oracle.fold import clash, placed
-from tests.shapes import CATALOGUE, overfull, structure, wing
+from tests.shapes import CATALOGUE, overfull, ring_on, structure, two_inner_vertices, wing
 
 FINE = np.linspace(0.0, 1.0, 201)
 
@@ -172,3 +175,34 @@ def test_patterns_have_a_first_and_a_last_cell(name: str) -> None:
     assert np.allclose(patterns.min(axis=1), 0.0)
     assert np.allclose(patterns.max(axis=1), 1.0)
     assert len(np.unique(patterns, axis=0)) == len(patterns)
+
+
+def thin_sheets(wall: float) -> Interference:
+    """Two inner vertices in an octagon: all panels of the middle cell are sheets of the wall's thickness."""
+    t = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    octagon = PointOutline(np.stack([np.cos(t), np.sin(t)], axis=1), smooth=False)
+    e = two_inner_vertices().embedding
+    names = [v.id for v in e.layout.vertices]
+    places = {n: octagon.at_natural(float(e.s[i])) for i, n in enumerate(names) if np.isfinite(e.s[i])}
+    inner = {n: (float(e.z[i].real), float(e.z[i].imag)) for i, n in enumerate(names) if np.isnan(e.s[i])}
+    return Interference(Mechanism(build(embed(octagon, e.layout, places, inner), wall)))
+
+
+@pytest.mark.parametrize("wall", [3e-4, 1e-4, 2e-5])
+def test_thin_sheets_cannot_pass_through_each_other(wall: float) -> None:
+    # The verdict on grossly crossing states may not depend on how thin the panels are.
+    states = np.random.default_rng(2).random((60, 5))
+    thick, thin = thin_sheets(1e-3), thin_sheets(wall)
+    verdicts = np.array([[c.first_collision(s[None]) is None for s in states] for c in (thick, thin)])
+    assert not verdicts[0].all()
+    assert (verdicts[0] == verdicts[1]).mean() > 0.9
+
+
+def test_poses_do_not_depend_on_where_the_profile_lies() -> None:
+    f = Superellipse(1.0, 0.6).table_f
+    shape = np.stack([f.real, f.imag], axis=1)
+    counts = []
+    for offset in (0.0, 100.0):
+        e = ring_on(PointOutline(shape + offset), 4, centre=(offset, offset))
+        counts.append(len(checked_folds(Mechanism(build(e, 0.01)))))
+    assert counts[1] <= 1.1 * counts[0]

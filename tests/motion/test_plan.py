@@ -97,6 +97,16 @@ def test_nonsense_limits_are_refused_with_crease_and_cell(bad: float) -> None:
         plan_motion(wing(), velocity, acceleration, 100.0)
 
 
+@pytest.mark.parametrize(("v", "a"), [(1e-3, 1e-3), (1e3, 1e5), (1e6, 1e9)])
+def test_extreme_limits_are_timed_or_refused_in_words(v: float, a: float) -> None:
+    bars = FourBars.of(structure("wing").cells)
+    time, fold, _ = time_path(bars, *limits(4, v, a), 100.0)
+    assert fold[-1] == 1.0
+    assert len(time) >= 3
+    with pytest.raises(MotionError, match=r"takes too long to be sampled.*limit: 1000000 samples"):
+        time_path(bars, *limits(4, 1e-7, 1e-7), 100.0)
+
+
 def test_limits_have_to_be_there() -> None:
     free = np.full((4, 4), np.inf)
     with pytest.raises(MotionError, match="no crease has a velocity limit"):

@@ -125,7 +125,7 @@ def test_samples_keep_their_sagitta_and_every_corner(profile: Profile, data: st.
     distance = np.abs(dense[:, None] - (a + along * side)).min(axis=1)
     # Where curvature jumps or is unbounded between samples the equal-share rule is approximate.
     assert distance.max() <= 1.6 * sagitta
-    corners = [c for c in (*profile.breaks, *(profile.breaks + profile.period)) if start < c < stop]
+    corners = [c for c in (*profile.corners, *(profile.corners + profile.period)) if start < c < stop]
     for c in corners:
         assert np.abs(points - profile.point(c)).min() < 1e-12 * profile.size
 
@@ -244,3 +244,52 @@ def test_contains_agrees_with_the_ellipse_equation(angle: float, r: float) -> No
     z = r * (np.cos(angle) + 0.6j * np.sin(angle))
     if abs(r - 1.0) > 1e-4:
         assert bool(p.contains([z])[0]) == (r < 1.0)
+
+
+@pytest.mark.parametrize("n", [60, 120, 240])
+def test_a_closed_file_starts_where_it_says(n: int) -> None:
+    p = Naca4("2412", 1.0)
+    open_loop = xy(p.point(np.linspace(0.0, 2.0, n, endpoint=False)))
+    closed = np.concatenate([open_loop, open_loop[:1]])
+    one, two = PointOutline(open_loop), PointOutline(closed)
+    assert abs(two.point(0.0) - 1.0) < 1e-15
+    assert np.array_equal(one.table_f, two.table_f)
+    for side in ("upper", "lower"):
+        assert abs(two.point(two.at_chord(1.0, side)) - 1.0) < 1e-15  # type: ignore[arg-type]
+        assert two.point(two.at_chord(0.97, side)).real == pytest.approx(0.97)  # type: ignore[arg-type]
+
+
+def test_chord_ends_are_where_they_are_or_refused() -> None:
+    square = PointOutline([[0, 0], [1, 0], [1, 1], [0, 1]], smooth=False)
+    with pytest.raises(ProfileError, match="places on the upper side"):
+        square.at_chord(1.0, "upper")
+
+
+@pytest.mark.parametrize("n", [5, 6, 8, 12, 40])
+def test_sparse_points_of_a_smooth_curve_stay_smooth(n: int) -> None:
+    t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    circle = PointOutline(np.stack([np.cos(t), np.sin(t)], axis=1))
+    assert circle.area == pytest.approx(np.pi, rel=0.03)
+    assert len(circle.corners) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name\n1.O 0.0\n0.5 0.1\n0 0\n0.5 -0.1\n", r"line 2: not two numbers"),
+        ("name\n1.0 0.0 0.0\n0.5 0.1 0.0\n", r"line 2: not two numbers"),
+        ("name\n7. 6.\n0 0\n0.5 0.1\n1 0\n", "point counts of its first row do not fit"),
+    ],
+)
+def test_headers_do_not_swallow_points(text: str, message: str) -> None:
+    with pytest.raises(ProfileError, match=message):
+        parse_dat(text, "x.dat")
+
+
+def test_a_byte_order_mark_is_no_point() -> None:
+    assert len(parse_dat("\ufeff1.0 0.0\n0.5 0.1\n0 0\n")) == 3
+
+
+def test_camber_without_its_place_is_refused() -> None:
+    with pytest.raises(ProfileError, match="no camber without its place"):
+        Naca4("2012", 1.0)
