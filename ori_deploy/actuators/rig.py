@@ -12,7 +12,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, StrictStr, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
 from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
@@ -29,6 +38,9 @@ CREASE_ORDER: tuple[Crease, ...] = ("open_c", "open_d", "close_a", "close_b")
 
 LatchKind = Literal["magnet", "electromagnet", "lock_pin"]
 
+MAX_PATH_TOLERANCE_RAD = 1.0
+MAX_HEALTH_PERIOD_S = 10.0
+
 _Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 _NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
@@ -37,6 +49,52 @@ _Name = Annotated[StrictStr, Field(min_length=1)]
 _Count = Annotated[int, Field(ge=0, strict=True)]
 
 _STRICT = ConfigDict(extra="forbid")
+
+
+def _between(low: float, high: float, reason: str) -> AfterValidator:
+    """Bounds of sense, inclusive: beyond them a number is a slip of the pen, and the rig unsafe."""
+
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise ValueError(f"{low:g} to {high:g}: {reason}")
+        return value
+
+    return AfterValidator(check)
+
+
+def _at_most(high: float, reason: str) -> AfterValidator:
+    """An upper bound of sense, inclusive."""
+
+    def check(value: float) -> float:
+        if value > high:
+            raise ValueError(f"at most {high:g}: {reason}")
+        return value
+
+    return AfterValidator(check)
+
+
+def _plain_integer(value: object) -> object:
+    if type(value) is not int:  # true and 1.0 are equal to 1, and are slips
+        raise ValueError("the integer 1 or -1")
+    return value
+
+
+_Rate = Annotated[
+    _Positive,
+    _between(10.0, 2000.0, "slower cannot stop cells in time, faster no bus can follow"),
+]
+_Direction = Annotated[Literal[1, -1], BeforeValidator(_plain_integer)]
+_GearRatio = Annotated[_Positive, _between(1e-3, 1e4, "no gear between shaft and crease is beyond that")]
+_Zero = Annotated[_Finite, _between(-1e4, 1e4, "farther out, shaft positions lose their resolution")]
+_Patience = Annotated[_Positive, _at_most(600.0, "whoever waits longer never learns of a failure")]
+_PathTolerance = Annotated[_Positive, _at_most(MAX_PATH_TOLERANCE_RAD, "a stalled crease would go unnoticed")]
+_StartTolerance = Annotated[_Positive, _at_most(0.5, "farther off, cells are not on the path")]
+_ReadingAge = Annotated[_Positive, _at_most(1.0, "older readings say nothing of where cells are")]
+_LostReplies = Annotated[_Count, _at_most(20, "a silent hinge would be driven blind for too long")]
+_HoldRamp = Annotated[_Positive, _at_most(2.0, "after a fault the structure has to come to rest soon")]
+_AlignVelocity = Annotated[_Positive, _at_most(1.0, "cells are brought into step slowly, they may touch")]
+_Temperature = Annotated[_Finite, _at_most(120.0, "no servo survives more")]
+_HealthPeriod = Annotated[_Positive, _at_most(MAX_HEALTH_PERIOD_S, "a hot or sagging servo has to be seen in time")]
 
 
 @dataclass(frozen=True, config=_STRICT, kw_only=True)
@@ -83,9 +141,9 @@ class Drive:
     """
 
     crease: Crease
-    direction: Literal[1, -1] = 1
-    gear_ratio: _Positive = 1.0
-    zero_rad: _Finite = 0.0
+    direction: _Direction = 1
+    gear_ratio: _GearRatio = 1.0
+    zero_rad: _Zero = 0.0
     max_crease_velocity_rad_s: _Positive | None = None
     max_crease_acceleration_rad_s2: _Positive | None = None
 
@@ -126,7 +184,7 @@ class LatchModel:
     """
 
     kind: LatchKind
-    timeout_s: _Positive = 3.0
+    timeout_s: _Patience = 3.0
     capture_range_rad: _Positive = 0.03
     max_on_s: _Positive | None = None
     duty_cycle: _Fraction | None = None
@@ -141,6 +199,15 @@ class LatchModel:
                 raise ValueError(f"a latch of kind {self.kind} needs {key}")
             if not needed and getattr(self, key) is not None:
                 raise ValueError(f"{key} does not belong to a latch of kind {self.kind}")
+        return self
+
+    @model_validator(mode="after")
+    def _a_pin_gets_home_in_time(self) -> LatchModel:
+        if self.travel_s is not None and self.timeout_s <= self.travel_s:
+            raise ValueError(
+                f"timeout_s = {self.timeout_s:g} must be longer than travel_s = {self.travel_s:g}: "
+                "the pin would always be given up on its way"
+            )
         return self
 
 
@@ -196,18 +263,27 @@ class ControllerSettings:
         Whether hinges keep holding or go limp when the controller lets go of the bus.
     """
 
-    path_tolerance_rad: _Positive = 0.10
-    start_tolerance_rad: _Positive = 0.05
+    path_tolerance_rad: _PathTolerance = 0.10
+    start_tolerance_rad: _StartTolerance = 0.05
     goal_tolerance_rad: _Positive = 0.02
-    settle_timeout_s: _Positive = 2.0
-    max_reading_age_s: _Positive = 0.05
-    lost_replies_allowed: _Count = 2
-    hold_ramp_s: _Positive = 0.25
-    align_velocity_rad_s: _Positive = 0.1
-    max_temperature_c: _Finite = 70.0
+    settle_timeout_s: _Patience = 2.0
+    max_reading_age_s: _ReadingAge = 0.05
+    lost_replies_allowed: _LostReplies = 2
+    hold_ramp_s: _HoldRamp = 0.25
+    align_velocity_rad_s: _AlignVelocity = 0.1
+    max_temperature_c: _Temperature = 70.0
     min_voltage_v: _NonNegative = 10.0
-    health_period_s: _Positive = 0.05
+    health_period_s: _HealthPeriod = 0.05
     at_close: Literal["hold", "relax"] = "hold"
+
+    @model_validator(mode="after")
+    def _goal_is_within_the_path(self) -> ControllerSettings:
+        if self.goal_tolerance_rad > self.path_tolerance_rad:
+            raise ValueError(
+                f"goal_tolerance_rad = {self.goal_tolerance_rad:g} must not exceed "
+                f"path_tolerance_rad = {self.path_tolerance_rad:g}: latches would close on cells off the path"
+            )
+        return self
 
 
 @dataclass(frozen=True, config=_STRICT, kw_only=True)
@@ -250,7 +326,7 @@ class Rig:
 
     schema: Literal["ori-deploy/rig/1"]
     backend: Literal["mock"]
-    rate_hz: _Positive
+    rate_hz: _Rate
     actuator: tuple[Actuator, ...] = ()
     hinge: tuple[Hinge, ...] = ()
     latch: tuple[Latch, ...] = ()
@@ -283,9 +359,17 @@ def load_rig(path: str | Path) -> Rig:
         ) from error
     try:
         document = tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:  # not UTF-8, not TOML, or an integer of thousands of digits
         raise RigError(
             "the rig file is not TOML", value=error, remedy="correct the line named", source=source
+        ) from error
+    except RecursionError as error:
+        raise RigError(
+            "the rig file is nested too deeply",
+            value=error,
+            limit="tables in tables as in the examples",
+            remedy="remove brackets",
+            source=source,
         ) from error
     return replace(parse_rig(document, source), sha256=hashlib.sha256(data).hexdigest())
 

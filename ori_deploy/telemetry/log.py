@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -21,15 +24,20 @@ from ori_deploy.deploy.states import Transition
 from ori_deploy.motion.plan import Plan
 from ori_deploy.telemetry.schema import CHANNELS, SCHEMA, json_schema
 
-CHUNK_BYTES = 32 * 1024  # a third of a second at 100 Hz and 12 hinges
+CHUNK_BYTES = 32 * 1024  # bounds the work of the cycle that finishes a chunk
 FLUSH_EVERY_S = 0.5
+"""Of record time: what a crash may cost, at any rate."""
+
+_NON_FINITE = re.compile(r"(?<=[:,\[])-?(?:nan|inf)(?=[,\]}])")
+"""Numbers in a cycle's text that JSON has no word for; names are quoted, and never match."""
 
 
 class LogWriter:
     """A flight log; give it to the controller as an observer.
 
     It writes to a name of its own beside `path` and renames at `close`, so that `path` never holds half a
-    log. After a crash the file under that other name can be read up to about the last second.
+    log. After a crash the file under that other name can be read up to about the last second. After a
+    failed write nothing more is written, since it would not line up, and `close` says where the rest is.
 
     Parameters
     ----------
@@ -56,6 +64,7 @@ class LogWriter:
         self._format = _cycle_format(len(rig.hinges))
         self._all_valid = _booleans(np.ones(len(rig.hinges), dtype=np.bool_))
         self._flush_due = -math.inf
+        self._failure: OSError | None = None
         self._fault: Fault | None = None
         self._closed = False
         self._time_s = 0.0
@@ -64,7 +73,74 @@ class LogWriter:
 
     def __call__(self, record: CycleRecord) -> None:
         """Write one cycle and all that happened in it."""
-        self._time_s = record.time_s
+        if math.isfinite(record.time_s):
+            self._time_s = record.time_s
+        with self._writing():
+            self._write_cycle(record)
+            if self._time_s >= self._flush_due:
+                self._flush_due = self._time_s + FLUSH_EVERY_S
+                self._flush()
+
+    def write_result(self, result: MotionResult) -> None:
+        """Write how a command ended."""
+        with self._writing():
+            self._write("/result", asdict(result))
+            self._flush()
+
+    def close(self) -> None:
+        """Finish the file and give it its name. Safe to call twice.
+
+        Raises
+        ------
+        OSError
+            The log is not whole. The message names the file that holds what was written.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self._finish()
+            self.partial_path.replace(self.path)
+        except OSError as error:
+            reason = f"{error.strerror or error}; what was written is in {self.partial_path}"
+            raise OSError(error.errno, reason, str(self.path)) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        except OSError as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))  # what ended the run matters more, and this is not to be lost
+
+    def _flush(self) -> None:
+        """Finish the chunk and hand it to the operating system: it outlives this process."""
+        self._writer.flush()  # type: ignore[no-untyped-call]  # mcap is typed in part
+
+    def _finish(self) -> None:
+        """Complete and close the stream. Raises the first failure of all writes."""
+        with self._stream:
+            if self._failure is not None:
+                raise self._failure
+            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap is typed in part
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Remember the first failure, and refuse to write after it."""
+        if self._failure is not None:
+            raise OSError(self._failure.errno, f"the log failed before: {self._failure.strerror}", str(self.path))
+        try:
+            yield
+        except OSError as error:
+            self._failure = error
+            raise
+
+    def _write_cycle(self, record: CycleRecord) -> None:
         if not self._info_written:
             self._write("/plan_info", self._info)
             self._info_written = True
@@ -79,32 +155,6 @@ class LogWriter:
             self._write_health(record.health)
         for reading in record.latches or ():
             self._write_latch(reading)
-        if record.time_s >= self._flush_due:
-            self._flush_due = record.time_s + FLUSH_EVERY_S
-            self._stream.flush()
-
-    def write_result(self, result: MotionResult) -> None:
-        """Write how a command ended."""
-        self._write("/result", asdict(result))
-
-    def close(self) -> None:
-        """Finish the file and give it its name. Safe to call twice."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap is typed in part
-        finally:
-            self._stream.close()
-        self.partial_path.replace(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _cycle(self, record: CycleRecord) -> bytes:
         readings = record.readings
@@ -133,7 +183,9 @@ class LogWriter:
             self._all_valid if readings.valid.all() else _booleans(readings.valid),
             *numbers,
         )
-        return text.replace("nan", "null").encode()  # no name in a cycle contains "nan"
+        if "nan" in text or "inf" in text:
+            text = _NON_FINITE.sub("null", text)
+        return text.encode()
 
     def _write_transition(self, transition: Transition) -> None:
         self._write("/state", asdict(transition))
@@ -142,8 +194,8 @@ class LogWriter:
         message = {
             "time_s": self._time_s,
             "valid": health.valid.tolist(),
-            "temperature_c": _numbers(health.temperature_c.tolist()),
-            "voltage_v": _numbers(health.voltage_v.tolist()),
+            "temperature_c": health.temperature_c.tolist(),
+            "voltage_v": health.voltage_v.tolist(),
             "hardware_error": health.hardware_error.tolist(),
             "torque_on": health.torque_on.tolist(),
         }
@@ -161,7 +213,7 @@ class LogWriter:
         self._write("/latch", message)
 
     def _write(self, channel: str, message: dict[str, Any]) -> None:
-        self._emit(channel, json.dumps(message, allow_nan=False).encode())
+        self._emit(channel, json.dumps(_without_non_finite(message), allow_nan=False).encode())
 
     def _emit(self, channel: str, data: bytes) -> None:
         time_ns = int(self._time_s * 1e9)
@@ -223,5 +275,12 @@ def _booleans(values: np.ndarray[Any, np.dtype[np.bool_]]) -> str:
     return ",".join("true" if value else "false" for value in values.tolist())
 
 
-def _numbers(values: list[float]) -> list[float | None]:
-    return [None if math.isnan(value) else value for value in values]
+def _without_non_finite(value: Any) -> Any:
+    """The same message with null for every number that JSON cannot hold."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _without_non_finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_non_finite(item) for item in value]
+    return value

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.records import Channel, Footer, Message
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
@@ -20,11 +22,22 @@ from ori_deploy.actuators.bus import LatchReading
 from ori_deploy.deploy.result import Fault, FaultKind, MotionResult, Outcome
 from ori_deploy.deploy.states import Event, State, Transition
 from ori_deploy.errors import FileError
-from ori_deploy.telemetry.schema import SCHEMA
+from ori_deploy.telemetry.schema import CHANNELS, SCHEMA
 
 FloatArray = NDArray[np.float64]
 
-_CUT_OFF = (EndOfFile, struct.error, ZstdError, CRCValidationError)
+_BROKEN = (
+    McapError,
+    struct.error,
+    ZstdError,
+    KeyError,
+    TypeError,
+    ValueError,
+    OverflowError,
+    MemoryError,
+    RuntimeError,  # from lz4, and RecursionError
+)
+"""What parsing bytes can end in when they are not what was written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,40 +129,88 @@ def read_run(path: str | Path) -> Run:
     source = str(path)
     messages: dict[str, list[dict[str, Any]]] = {}
     try:
-        with Path(path).open("rb") as stream:
-            complete = _collect(stream, messages)
+        data = Path(path).read_bytes()
     except OSError as error:
         raise FileError(
             "the log cannot be read", value=error.strerror, remedy="check the path", source=source
         ) from error
-    except (McapError, ValueError) as error:
-        raise FileError("this is not a flight log", value=error, remedy="give an .mcap log", source=source) from error
+    complete, cause = _collect(data, messages)
     info = messages.get("/plan_info", [{}])[0]
     if info.get("schema") != SCHEMA or not messages.get("/cycle"):
         raise FileError(
             "this is not a flight log with cycles in it",
-            value=info.get("schema"),
+            value=info.get("schema", repr(cause) if cause else None),
             limit=f"schema {SCHEMA}",
             remedy="give a log written by ori-deploy",
             source=source,
-        )
-    return _run(complete, info, messages)
-
-
-def _collect(stream: IO[bytes], messages: dict[str, list[dict[str, Any]]]) -> bool:
-    """Sort all messages by channel; whether the file was complete."""
-    topics: dict[int, str] = {}
+        ) from cause
     try:
-        for record in StreamReader(stream, validate_crcs=True).records:
+        run = _run(complete, info, messages)
+        _check(run)
+    except _BROKEN as error:
+        raise FileError(
+            "the log is damaged",
+            value=f"{type(error).__name__}: {error}",
+            limit="messages as ori-deploy writes them",
+            remedy="give an undamaged copy",
+            source=source,
+        ) from error
+    return run
+
+
+def _collect(data: bytes, messages: dict[str, list[dict[str, Any]]]) -> tuple[bool, Exception | None]:
+    """Sort all messages by channel; whether the file was complete and whole, and what ended it if not.
+
+    A message that cannot be decoded is left out. What cannot be read as a record ends the log: after a
+    crash that is mostly in the middle of a chunk, and what came before is whole.
+    """
+    topics: dict[int, str] = {}
+    first: Exception | None = None
+    try:
+        for record in StreamReader(BytesIO(data), validate_crcs=True).records:
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Message):
-                messages.setdefault(topics[record.channel_id], []).append(json.loads(record.data))
+                try:
+                    messages.setdefault(topics[record.channel_id], []).append(_decode(record.data))
+                except _BROKEN as error:
+                    first = first or error
             elif isinstance(record, Footer):
-                return True
-    except _CUT_OFF:
-        pass  # by a crash, mostly in the middle of a chunk: what came before is whole
-    return False
+                return first is None, first
+    except _BROKEN as error:
+        return False, first or error
+    return False, first
+
+
+def _decode(data: bytes) -> dict[str, Any]:
+    message = json.loads(data)
+    if not isinstance(message, dict):
+        raise TypeError(f"a message is a {type(message).__name__}, not an object")
+    return message
+
+
+def _check(run: Run) -> None:
+    """Raise ValueError, TypeError or KeyError for what no writer of logs would have written."""
+    if missing := CHANNELS["/plan_info"].keys() - run.info.keys():
+        raise KeyError(*sorted(missing))
+    count = len(run.info["hinge_ids"])
+    for name in ("cell_ids", "zero_rad", "shaft_per_crease"):
+        _check_shape(f"{name} of the plan", np.shape(run.info[name]), (count,))
+    np.array([run.info["zero_rad"], run.info["shaft_per_crease"]], dtype=np.float64)
+    for name in ("valid", "fold", "commanded_rad", "position_rad", "velocity_rad_s", "current_a", "age_s"):
+        _check_shape(name, getattr(run, name).shape, (len(run.time_s), count))
+    for name in ("lateness_s", "path_time_s", "rate", "rate_limit", "commanded_fold", "lost_replies", "overruns"):
+        _check_shape(name, getattr(run, name).shape, (len(run.time_s),))
+    if len(run.health_time_s):
+        for name in ("temperature_c", "voltage_v"):
+            _check_shape(name, getattr(run, name).shape, (len(run.health_time_s), count))
+    for state in set(run.state):
+        State(state)
+
+
+def _check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    if found != wanted:
+        raise ValueError(f"{name} has shape {found}, not {wanted}")
 
 
 def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[str, Any]]]) -> Run:
@@ -182,17 +243,24 @@ def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[
         temperature_c=numbers(health, "temperature_c"),
         voltage_v=numbers(health, "voltage_v"),
         transitions=tuple(
-            Transition(row["time_s"], State(row["source"]), Event(row["event"]), State(row["target"]))
+            Transition(_number(row["time_s"]), State(row["source"]), Event(row["event"]), State(row["target"]))
             for row in messages.get("/state", [])
         ),
-        latches=tuple(LatchReading(**row) for row in messages.get("/latch", [])),
+        latches=tuple(
+            LatchReading(**{**row, "time_s": _number(row["time_s"])}) for row in messages.get("/latch", [])
+        ),
         faults=tuple(_fault(row) for row in messages.get("/fault", [])),
         results=tuple(_result(row) for row in messages.get("/result", [])),
     )
 
 
+def _number(value: Any) -> float:
+    """A number of a message: null becomes NaN."""
+    return math.nan if value is None else float(value)
+
+
 def _fault(row: dict[str, Any]) -> Fault:
-    return Fault(**{**row, "kind": FaultKind(row["kind"])})
+    return Fault(**{**row, "kind": FaultKind(row["kind"]), "time_s": _number(row["time_s"])})
 
 
 def _result(row: dict[str, Any]) -> MotionResult:
@@ -200,6 +268,8 @@ def _result(row: dict[str, Any]) -> MotionResult:
         "outcome": Outcome(row["outcome"]),
         "state": State(row["state"]),
         "fault": _fault(row["fault"]) if row["fault"] else None,
+        "duration_s": _number(row["duration_s"]),
+        "worst_tracking_rad": _number(row["worst_tracking_rad"]),
         "observer_errors": tuple(row["observer_errors"]),
     }
     return MotionResult(**{**row, **typed})

@@ -14,7 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ori_deploy.actuators.resolve import resolve_rig
-from ori_deploy.actuators.rig import CREASE_ORDER, load_rig, parse_rig
+from ori_deploy.actuators.rig import (
+    CREASE_ORDER,
+    MAX_HEALTH_PERIOD_S,
+    MAX_PATH_TOLERANCE_RAD,
+    load_rig,
+    parse_rig,
+)
 from ori_deploy.errors import RigError
 from ori_deploy.motion.plan import CREASES
 
@@ -107,6 +113,66 @@ def test_bad_file_is_refused_naming_key_and_value(change: Change, words: list[st
 
 
 @pytest.mark.parametrize(
+    ("table", "key", "inside", "outside"),
+    [
+        ("", "rate_hz", [10.0, 2000.0], [1e-9, 9.99, 2000.1, 1e9]),
+        ("controller", "hold_ramp_s", [2.0], [2.01, 1e9]),
+        ("controller", "path_tolerance_rad", [MAX_PATH_TOLERANCE_RAD], [1.01 * MAX_PATH_TOLERANCE_RAD]),
+        ("controller", "start_tolerance_rad", [0.5], [0.51]),
+        ("controller", "max_reading_age_s", [1.0], [1.01]),
+        ("controller", "health_period_s", [MAX_HEALTH_PERIOD_S], [1.01 * MAX_HEALTH_PERIOD_S]),
+        ("controller", "lost_replies_allowed", [0, 20], [21, 10**9]),
+        ("controller", "settle_timeout_s", [600.0], [600.1]),
+        ("controller", "max_temperature_c", [120.0], [121.0]),
+        ("controller", "align_velocity_rad_s", [1.0], [1.01]),
+        ("each_cell", "gear_ratio", [1e-3, 1e4], [9e-4, 1.1e4]),
+        ("each_cell", "zero_rad", [-1e4, 1e4], [-10001.0, 10001.0]),
+        ("each_cell", "direction", [1, -1], [True, 1.0, 0]),
+        ("each_latch_point", "timeout_s", [600.0], [600.1]),
+    ],
+)
+def test_numbers_beyond_sense_are_refused_with_the_reason(
+    table: str, key: str, inside: list[float], outside: list[float]
+) -> None:
+    def with_value(value: float) -> dict[str, Any]:
+        document = copy.deepcopy(TEMPLATE)
+        (document.setdefault(table, {}) if table else document)[key] = value
+        return document
+
+    for value in inside:
+        parse_rig(with_value(value))
+    for value in outside:
+        with pytest.raises(RigError) as caught:
+            parse_rig(with_value(value), "my.toml")
+        for word in ("my.toml", f"{table}.{key}".removeprefix("."), f"found {value!r}", "limit:", "remedy:"):
+            assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda d: d["controller"].update(goal_tolerance_rad=0.2),
+            ["controller", "goal_tolerance_rad = 0.2", "path_tolerance_rad = 0.1", "remedy"],
+        ),
+        (
+            lambda d: d["controller"].update(path_tolerance_rad=0.01),
+            ["controller", "goal_tolerance_rad = 0.02", "path_tolerance_rad = 0.01", "remedy"],
+        ),
+        (
+            lambda d: d["latch"][0].update(timeout_s=0.4),
+            ["latch[0]", "timeout_s = 0.4", "travel_s = 0.4", "remedy"],
+        ),
+    ],
+)
+def test_numbers_that_contradict_each_other_are_refused(change: Change, words: list[str]) -> None:
+    with pytest.raises(RigError) as caught:
+        parse_rig(changed(EXPLICIT, change), "my.toml")
+    for word in ["my.toml", *words]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda d: d["hinge"][1].update(actuator="servo_9"), ["unknown actuator", "servo_9", "servo_1"]),
@@ -139,11 +205,18 @@ def test_rig_that_does_not_fit_is_refused(change: Change, words: list[str]) -> N
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"rate_hz = ", b"\xff\xfe"])
+@pytest.mark.parametrize("content", [b"rate_hz = ", b"\xff\xfe", b"rate_hz = " + b"1" * 5000])
 def test_file_that_is_not_toml_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.toml"
     path.write_bytes(content)
     with pytest.raises(RigError, match=r"broken\.toml.*not TOML"):
+        load_rig(path)
+
+
+def test_file_that_is_nested_too_deeply_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_bytes(b"a = " + b"[" * 100_000)
+    with pytest.raises(RigError, match=r"deep\.toml.*nested too deeply.*remedy"):
         load_rig(path)
 
 

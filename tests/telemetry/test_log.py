@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import json
+import random
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
-from ori_deploy.deploy.result import FaultKind, MotionResult
+from ori_deploy.deploy.result import CycleRecord, FaultKind, MotionResult
 from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError
-from ori_deploy.telemetry.log import LogWriter
+from ori_deploy.telemetry.log import FLUSH_EVERY_S, LogWriter
 from ori_deploy.telemetry.read import Run, read_run
 from ori_deploy.telemetry.schema import CHANNELS
 from ori_deploy.telemetry.summary import summarise
@@ -179,6 +184,257 @@ def test_a_full_disk_is_reported_and_the_motion_finishes(path: Path, monkeypatch
     result = b.controller.run()
     assert result.succeeded
     assert "No space left on device" in result.observer_errors[0]
+
+
+class SmallDisk(io.FileIO):
+    """A file on a disk with little room."""
+
+    room = 12_000
+
+    def write(self, data: Any) -> int:
+        left = self.room - self.tell()
+        if left <= 0:
+            raise OSError(28, "No space left on device")
+        return super().write(bytes(data)[:left]) or 0
+
+
+def log_on_a_small_disk(path: Path, b: Bench, monkeypatch: pytest.MonkeyPatch) -> LogWriter:
+    usual = Path.open
+
+    def small(self: Path, mode: str = "r", *others: Any, **named: Any) -> Any:
+        return io.BufferedWriter(SmallDisk(self, mode)) if mode == "wb" else usual(self, mode, *others, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", small)
+        return LogWriter(path, b.plan, b.rig)
+
+
+def test_closing_on_a_full_disk_names_the_file_that_holds_the_rest(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    b = bench()
+    log = log_on_a_small_disk(path, b, monkeypatch)
+    b.controller.add_observer(log)
+    b.controller.deploy()
+    result = b.controller.run()
+    assert result.succeeded
+    assert "No space left on device" in result.observer_errors[0]
+    monkeypatch.setattr(SmallDisk, "room", 10**9)  # room again does not make the log whole
+    with pytest.raises(OSError, match="No space left"):
+        log.write_result(result)
+    with pytest.raises(OSError, match="No space left on device") as caught:
+        log.close()
+    assert caught.value.errno == 28
+    assert str(log.partial_path) in str(caught.value)
+    log.close()
+    assert not path.exists()
+    run = read_run(log.partial_path)
+    assert not run.complete
+    assert run.time_s[-1] - run.time_s[0] > 0.5
+
+
+def test_disk_that_is_full_only_at_close_is_reported(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = bench()
+    b.steps(3)
+    log = log_on_a_small_disk(path, b, monkeypatch)
+    log(b.records[-1])
+    log._stream.flush()
+    monkeypatch.setattr(SmallDisk, "room", 0)
+    with pytest.raises(OSError, match=r"run\.mcap.*\.partial"):
+        log.close()
+    log.close()
+    assert log.partial_path.exists()
+    assert len(read_run(log.partial_path).time_s) == 1
+
+
+def test_full_disk_does_not_hide_what_ended_the_run(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = bench()
+    b.steps(3)
+
+    def run() -> None:
+        with log_on_a_small_disk(path, b, monkeypatch) as log:
+            log(b.records[-1])
+            monkeypatch.setattr(SmallDisk, "room", 0)
+            raise KeyError("what ended the run")
+
+    with pytest.raises(KeyError, match="what ended the run") as caught:
+        run()
+    assert any(".partial" in note for note in caught.value.__notes__)
+
+
+@pytest.mark.parametrize("every", [1, 5, 50])
+def test_a_crash_at_any_moment_and_rate_costs_half_a_second(path: Path, every: int) -> None:
+    b = bench(synthetic_plan(1, duration_s=6.0))
+    b.controller.deploy()
+    b.controller.run()
+    log = LogWriter(path, b.plan, b.rig)
+    for k, record in enumerate(b.records[::every]):
+        log(record)
+        if k % 7 == 0 or every == 50:
+            assert record.time_s - read_run(log.partial_path).time_s[-1] < FLUSH_EVERY_S + 1e-6
+    log.close()
+    assert len(read_run(path).time_s) == len(b.records[::every])
+
+
+def test_a_result_is_safe_from_a_crash_at_once(path: Path) -> None:
+    b = bench()
+    log = LogWriter(path, b.plan, b.rig)
+    b.controller.add_observer(log)
+    b.controller.deploy()
+    result = b.controller.run()
+    log.write_result(result)
+    assert read_run(log.partial_path).results == (result,)
+    log.close()
+
+
+def not_finite(record: CycleRecord, value: float) -> CycleRecord:
+    """A record with `value` wherever there is a number of the first cell, and in many scalars."""
+
+    def spoilt(array: Any) -> Any:
+        copied = np.array(array, dtype=np.float64)
+        copied[0] = value
+        return copied
+
+    readings, health = record.readings, record.health
+    assert health is not None
+    return replace(
+        record,
+        time_s=value,
+        deadline_s=0.0,
+        path_time_s=value,
+        rate=value,
+        rate_limit=value,
+        commanded_fold=value,
+        folds=spoilt(record.folds),
+        commanded_rad=spoilt(record.commanded_rad),
+        readings=replace(
+            readings,
+            position_rad=spoilt(readings.position_rad),
+            velocity_rad_s=spoilt(readings.velocity_rad_s),
+            current_a=spoilt(readings.current_a),
+        ),
+        health=replace(health, temperature_c=spoilt(health.temperature_c), voltage_v=spoilt(health.voltage_v)),
+    )
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite_are_null_in_every_message(path: Path, value: float) -> None:
+    b = bench()
+    b.controller.deploy()
+    result = replace(b.controller.run(), worst_tracking_rad=value, duration_s=value)
+    records = [record for record in b.records if record.health is not None]
+    with LogWriter(path, b.plan, b.rig) as log:
+        log(records[0])
+        log(not_finite(records[1], value))
+        log(records[2])
+        log.write_result(result)
+    run = read_run(path)
+    assert run.complete
+    for name in ("time_s", "path_time_s", "rate", "rate_limit", "commanded_fold"):
+        np.testing.assert_array_equal(np.isnan(getattr(run, name)), [False, True, False])
+    arrays = ("fold", "commanded_rad", "position_rad", "velocity_rad_s", "current_a", "temperature_c", "voltage_v")
+    for name in arrays:
+        assert np.isnan(getattr(run, name)[1, 0])
+        assert np.isfinite(getattr(run, name)[1, 1:]).all()
+    assert np.isnan([run.results[0].worst_tracking_rad, run.results[0].duration_s]).all()
+    summarise(run)
+
+
+def test_flipped_bits_give_what_is_whole_or_a_file_error(path: Path) -> None:
+    b, _ = logged(path, fault=True)
+    data = path.read_bytes()
+    spoilt = path.with_name("spoilt.mcap")
+    rng = random.Random(7)
+    refused = cut = 0
+    for trial in range(300):
+        flipped = bytearray(data)
+        span = 4096 if trial % 2 else len(data)  # the begin of the file has the most to go wrong
+        for _ in range(1 + trial % 3):
+            flipped[rng.randrange(span)] ^= 1 << rng.randrange(8)
+        spoilt.write_bytes(flipped)
+        try:
+            run = read_run(spoilt)
+        except FileError:
+            refused += 1
+        else:
+            summarise(run)
+            cut += not run.complete
+            expected = [r.readings.position_rad for r in b.records[: len(run.time_s)]]
+            np.testing.assert_allclose(run.position_rad, expected, rtol=1e-6)
+    assert refused > 0
+    assert cut > 0
+
+
+Messages = list[tuple[str, bytes]]
+
+
+def messages_of(path: Path) -> Messages:
+    with path.open("rb") as stream:
+        found = make_reader(stream).iter_messages(log_time_order=False)
+        return [(channel.topic, message.data) for _, channel, message in found]
+
+
+def write_messages(path: Path, messages: Messages) -> None:
+    """An intact MCAP file, whatever is in its messages."""
+    writer = Writer(str(path))
+    writer.start()
+    topics = {topic for topic, _ in messages}
+    channels = {topic: writer.register_channel(topic, "json", 0) for topic in sorted(topics)}
+    for topic, data in messages:
+        writer.add_message(channels[topic], log_time=0, data=data, publish_time=0)
+    writer.finish()  # type: ignore[no-untyped-call]  # mcap is typed in part
+
+
+@pytest.mark.parametrize(
+    "junk", [b"", b"{", b"\xff\xfe", b"[]", b"null", b"[" * 100_000, b'{"index": ' + b"1" * 5000 + b"}"]
+)
+def test_message_that_cannot_be_decoded_is_left_out(path: Path, junk: bytes) -> None:
+    b, _ = logged(path)
+    messages = messages_of(path)
+    messages.insert(20, ("/cycle", junk))
+    write_messages(path, messages)
+    run = read_run(path)
+    assert not run.complete
+    assert len(run.time_s) == len(b.records)
+
+
+@pytest.mark.parametrize(
+    ("topic", "key", "value"),
+    [
+        ("/cycle", "position_rad", [1.0]),
+        ("/cycle", "position_rad", "far"),
+        ("/cycle", "time_s", {}),
+        ("/cycle", "overruns", 10**40),
+        ("/cycle", "state", "elsewhere"),
+        ("/cycle", "state", []),
+        ("/cycle", "valid", None),
+        ("/cycle", "fold", ...),
+        ("/plan_info", "hinge_ids", 3),
+        ("/plan_info", "zero_rad", ["a", "b", "c", "d"]),
+        ("/plan_info", "shaft_per_crease", ...),
+        ("/plan_info", "schema", []),
+        ("/health", "voltage_v", [12.0]),
+        ("/state", "event", "magic"),
+        ("/latch", "id", ...),
+        ("/latch", "colour", "red"),
+        ("/fault", "kind", ["x"]),
+        ("/result", "fault", "all of it"),
+        ("/result", "duration_s", [1]),
+    ],
+)
+def test_message_that_makes_no_sense_is_a_file_error(path: Path, topic: str, key: str, value: object) -> None:
+    logged(path, fault=True)
+    messages = messages_of(path)
+    at = next(i for i, (name, _) in enumerate(messages) if name == topic)
+    document = json.loads(messages[at][1])
+    if value is ...:
+        document.pop(key, None)
+    else:
+        document[key] = value
+    messages[at] = (topic, json.dumps(document).encode())
+    write_messages(path, messages)
+    with pytest.raises(FileError, match=r"run\.mcap.*remedy"):
+        read_run(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"x" * 5000])
