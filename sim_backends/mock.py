@@ -78,6 +78,8 @@ class MockBus(ActuatorBus):
         self._corrupt = np.zeros(n, dtype=np.int64)
         self._delays: list[float] = []
         self._latch_drop = 0
+        self._latch_silence = 0
+        self._health_silence = 0
 
     @classmethod
     def from_rig(
@@ -158,6 +160,14 @@ class MockBus(ActuatorBus):
     def drop_latch_replies(self, count: int = 1) -> None:
         """Lose the next `count` replies of every latch."""
         self._latch_drop += count
+
+    def silence_latches(self, count: int = 1) -> None:
+        """Make the next `count` reads of the latches raise `BusTimeout`."""
+        self._latch_silence += count
+
+    def silence_health(self, count: int = 1) -> None:
+        """Make the next `count` reads of the health raise `BusTimeout`."""
+        self._health_silence += count
 
     def delay_reads(self, count: int, delay_s: float) -> None:
         """Make the next `count` reads of the hinges take `delay_s` longer."""
@@ -272,6 +282,9 @@ class MockBus(ActuatorBus):
     def _read_health(self) -> HealthReadings:
         self._require_plug()
         self._advance()
+        if self._health_silence > 0:
+            self._health_silence -= 1
+            raise BusTimeout("no servo answered")
         valid = ~self._mute
         if not valid.any():
             raise BusTimeout("no servo answered")
@@ -319,6 +332,9 @@ class MockBus(ActuatorBus):
     def _read_latches(self) -> tuple[LatchReading, ...]:
         self._require_plug()
         self._advance()
+        if self._latch_silence > 0:
+            self._latch_silence -= 1
+            raise BusTimeout("no latch answered")
         if self._latch_drop > 0:
             self._latch_drop -= 1
             return tuple(

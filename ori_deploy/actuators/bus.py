@@ -103,6 +103,20 @@ class HingeReadings:
         return cls(nan, nan, nan, false, false, nan)
 
 
+CLOCK_SLACK_S = 1e-3
+"""How far in the future a reading's time may lie; beyond it the clocks do not agree."""
+
+
+def believable(readings: HingeReadings, now: float, max_age_s: float) -> BoolArray:
+    """Which hinges' positions may be acted on: (n_hinges,) valid, a number, and of now.
+
+    Written so that whatever is not a number is not believed.
+    """
+    age = now - readings.time_s
+    fresh: BoolArray = (age >= -CLOCK_SLACK_S) & (age <= max_age_s)
+    return readings.valid & np.isfinite(readings.position_rad) & fresh
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HealthReadings:
     """What changes slowly, read less often; arrays have shape (n_hinges,).
@@ -125,6 +139,18 @@ class HealthReadings:
     torque_on: BoolArray
     valid: BoolArray
     time_s: FloatArray
+
+    @classmethod
+    def none(cls, n_hinges: int) -> HealthReadings:
+        """Readings in which no hinge answered."""
+        nan = np.full(n_hinges, np.nan)
+        false = np.zeros(n_hinges, dtype=np.bool_)
+        return cls(nan, nan, np.zeros(n_hinges, dtype=np.uint8), false, false, nan)
+
+    @property
+    def sound(self) -> BoolArray:
+        """(n_hinges,) which answered with numbers."""
+        return self.valid & np.isfinite(self.temperature_c) & np.isfinite(self.voltage_v)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,8 +226,14 @@ class ActuatorBus(ABC):
             self._connected = False
             self._close()
 
-    def enable_torque(self) -> FloatArray:
+    def enable_torque(self, readings: HingeReadings | None = None) -> FloatArray:
         """Turn torque on where every hinge stands: the goal is the measured position.
+
+        Parameters
+        ----------
+        readings
+            Where they stand, for callers that have a clock and judged the readings' age by it; without
+            them the hinges are read here.
 
         Returns
         -------
@@ -212,11 +244,12 @@ class ActuatorBus(ABC):
         CommandRefused
             A hinge does not say where it is, or stands outside its range; no torque went on.
         """
-        readings = self.read_hinges()
-        if not readings.valid.all():
+        self._require_connection()
+        readings = self.read_hinges() if readings is None else readings
+        known = readings.valid & np.isfinite(readings.position_rad)
+        if not known.all():
             raise CommandRefused(
-                f"torque stays off: no valid position from {self._names(~readings.valid)}; "
-                "remedy: check its power and wiring"
+                f"torque stays off: no valid position from {self._names(~known)}; remedy: check its power and wiring"
             )
         self._check_goals(readings.position_rad)
         self._write_goals(readings.position_rad)

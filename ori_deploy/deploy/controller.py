@@ -8,40 +8,36 @@ says so.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import ActuatorBus, HealthReadings, HingeReadings, LatchReading
+from ori_deploy.actuators.bus import ActuatorBus, HealthReadings, HingeReadings
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.clock import Clock
 from ori_deploy.deploy.fit import check_fit
-from ori_deploy.deploy.latching import LatchWork
+from ori_deploy.deploy.latching import Latches, LatchWork
 from ori_deploy.deploy.link import Link
 from ori_deploy.deploy.localise import Localiser, locate
 from ori_deploy.deploy.monitor import Monitor
 from ori_deploy.deploy.motion import Motion
+from ori_deploy.deploy.observers import Observer, Observers
+from ori_deploy.deploy.pacer import Pacer
 from ori_deploy.deploy.path import PathTable
-from ori_deploy.deploy.result import CycleRecord, Fault, FaultKind, MotionResult, Outcome, StartRefused
+from ori_deploy.deploy.result import OUTCOMES, CycleRecord, Fault, FaultKind, MotionResult, StartRefused
 from ori_deploy.deploy.states import IN_MOTION, Event, IllegalCommand, Machine, State
 from ori_deploy.deploy.step_room import StepRoom
 from ori_deploy.motion.plan import DEPLOY_STAGES, STOW_STAGES, Plan, StageName
 
 FloatArray = NDArray[np.float64]
-Observer = Callable[[CycleRecord], None]
 
 log = logging.getLogger(__name__)
 
-_OUTCOMES = {
-    State.DEPLOYED: Outcome.SUCCEEDED,
-    State.STOWED: Outcome.SUCCEEDED,
-    State.HOLD: Outcome.HELD,
-    State.ARMED: Outcome.STOPPED,
-    State.FAULT: Outcome.FAULT,
-}
+_ENDINGS: dict[StageName | None, Event] = {"latch": Event.DEPLOYMENT_SECURED, "lock": Event.STOWAGE_SECURED}
 
 
 class Controller:
@@ -81,17 +77,17 @@ class Controller:
         check_fit(plan, rig, bus)
         self._rig, self._clock = rig, clock
         self._settings = rig.controller
-        self._period_s = 1.0 / rig.rate_hz
+        self._attempts = self._settings.lost_replies_allowed + 1
+        self._pacer = Pacer(clock, rig.rate_hz)
         self._table = PathTable.build(plan, rig)
         self._localiser = Localiser(self._table)
         self._motion = Motion(self._table, rig)
         self._monitor = Monitor(plan, rig)
         self._room = StepRoom(plan.step_tolerance, self._table, self._motion.slew_per_s, rig.rate_hz)
-        self._link = Link(bus, self._trip)
+        self._link = Link(bus, self._trip, clock, self._settings.max_reading_age_s)
         self._machine = Machine()
         self._fault: Fault | None = None
-        self._observers = list(observers)
-        self._observer_errors: list[str] = []
+        self._observers = Observers(observers)
 
         self._command: Event | None = None
         self._stages: tuple[StageName, ...] = ()
@@ -100,8 +96,7 @@ class Controller:
         self._work: LatchWork | None = None
         self._rate_limit = 1.0
 
-        self._cycles = self._overruns = 0
-        self._deadline = -np.inf
+        self._cycles = 0
         self._was_under_way = False  # at the end of the last cycle
         self._health_due = -np.inf
         self._since = (0.0, 0, 0, 0)  # time, cycles, overruns and lost replies when the command came
@@ -126,7 +121,7 @@ class Controller:
 
     def add_observer(self, observer: Observer) -> None:
         """Call `observer` with the record of every cycle from now on."""
-        self._observers.append(observer)
+        self._observers.add(observer)
 
     # -- commands ------------------------------------------------------------------------------------
 
@@ -142,7 +137,7 @@ class Controller:
     def arm(self) -> None:
         """Hold every hinge where it stands. Raises `CommandRefused` when one does not say where it is."""
         self._machine.require(Event.ARM)
-        self._motion.stand(self._link.bus.enable_torque())
+        self._motion.stand(self._link.torque_on(self._attempts))
         self._monitor.restart()
         self._command = self._stage = None
         self._fire(Event.ARM)
@@ -183,9 +178,12 @@ class Controller:
         self._fire(Event.RESUME, State.MOVING if self._stage in ("open", "close") else State.LATCHING)
 
     def stop(self) -> None:
-        """Come to rest along the path and give the command up."""
+        """Come to rest along the path and give the command up; electromagnets are let go of with it."""
         self._machine.require(Event.STOP)
-        self._fire(Event.STOP)
+        if self._stage in ("latch", "lock"):
+            self._link.relax_magnets(self._rig.latches + self._rig.stow_locks, self._clock.now())
+        if self.state is not State.FAULT:  # a magnet could not be let go of
+            self._fire(Event.STOP)
 
     def clear_fault(self) -> None:
         """Forget the fault, once at rest. Nothing moves, and no torque goes on that is off.
@@ -254,21 +252,21 @@ class Controller:
 
     def result(self) -> MotionResult:
         """How the last command ended. Raises `IllegalCommand` when there was none or it has not ended."""
-        if self._command is None or self.under_way or self.state not in _OUTCOMES:
+        if self._command is None or self.under_way or self.state not in OUTCOMES:
             raise IllegalCommand(self.state, "result", "no command has ended")
         time_s, cycles, overruns, lost = self._since
         return MotionResult(
             command=str(self._command),
-            outcome=_OUTCOMES[self.state],
+            outcome=OUTCOMES[self.state],
             state=self.state,
             fault=self._fault,
             duration_s=self._clock.now() - time_s,
             cycles=self._cycles - cycles,
-            overruns=self._overruns - overruns,
+            overruns=self._pacer.overruns - overruns,
             lost_replies=self._monitor.lost_replies - lost,
             worst_tracking_rad=self._monitor.worst_tracking_rad,
             worst_tracking_hinge=self._monitor.worst_tracking_hinge,
-            observer_errors=tuple(self._observer_errors),
+            observer_errors=tuple(self._observers.errors),
         )
 
     # -- one cycle -----------------------------------------------------------------------------------
@@ -277,7 +275,7 @@ class Controller:
         """Wait for the cycle's time and do it: read, judge, advance, command, report."""
         if self.state is State.DISCONNECTED:
             raise IllegalCommand(self.state, "step")
-        deadline = self._wait()
+        deadline = self._pacer.wait(self._was_under_way)
         now = self._clock.now()
         readings = self._link.read_hinges(now)
         folds = self._localiser.folds(readings.position_rad)
@@ -285,26 +283,12 @@ class Controller:
         health = self._check_health(readings, now)
         latches = self._check_latches(now)
         self._send(now)
-        self._finish_stage(readings, latches, now)
+        health = self._finish_stage(readings, health, latches, now)
         record = self._record(now, deadline, readings, folds, health, latches)
         self._cycles += 1
         self._was_under_way = self.under_way
-        self._notify(record)
+        self._observers.notify(record)
         return record
-
-    def _wait(self) -> float:
-        """Sleep to the deadline and set the next one; deadlines that have passed are overruns."""
-        now = self._clock.now()
-        if now > self._deadline and not self._was_under_way:
-            self._deadline = now  # nobody was waiting for the cycles in between
-        elif now > self._deadline:
-            late = int((now - self._deadline) / self._period_s)
-            self._overruns += 1 + late
-            self._deadline += late * self._period_s
-        deadline = self._deadline
-        self._clock.sleep_until(deadline)
-        self._deadline = deadline + self._period_s
-        return deadline
 
     def _judge(self, readings: HingeReadings, folds: FloatArray, now: float) -> None:
         self._trip(self._monitor.judge_replies(readings, folds, self._clock.now()))
@@ -321,26 +305,24 @@ class Controller:
     def _check_health(self, readings: HingeReadings, now: float) -> HealthReadings | None:
         if now < self._health_due and not readings.alert.any():
             return None
+        return self._read_health(now)
+
+    def _read_health(self, now: float) -> HealthReadings | None:
         health = self._link.read_health(now)
         if health is not None:
             self._trip(self._monitor.judge_health(health, self._holding, now))
         return health
 
-    def _check_latches(self, now: float) -> tuple[LatchReading, ...] | None:
+    def _check_latches(self, now: float) -> Latches | None:
         """Read the latches, every cycle while they are worked on and as often as the health otherwise."""
         due = now >= self._health_due
         if due:
-            self._health_due = now + self._settings.health_period_s - 0.5 * self._period_s
+            self._health_due = now + self._settings.health_period_s - 0.5 * self._pacer.period_s
         if not (due or self.state is State.LATCHING):
             return None
         latches = self._link.read_latches(now)
-        if latches is None:
-            return None
-        if self.state is State.MOVING:
-            self._trip(self._monitor.judge_impossible_latches(latches, now))
-        elif self.state in (State.DEPLOYED, State.STOWED):
-            held = self._rig.latches if self.state is State.DEPLOYED else self._rig.stow_locks
-            self._trip(self._monitor.judge_held_latches(latches, held, now))
+        if latches is not None:
+            self._trip(self._monitor.judge_latches(self.state, latches, now))
         return latches
 
     def _send(self, now: float) -> None:
@@ -348,37 +330,62 @@ class Controller:
         if self._link.lost:
             self._motion.halt()
             return
-        self._motion.advance(self._rate_limit if self.state is State.MOVING else 0.0)
+        if self._pacer.sent():
+            self._motion.halt()  # the servos stand at the last goal: from there, and gently
+        else:
+            self._motion.advance(self._rate_limit if self.state is State.MOVING else 0.0)
         if self._holding:
             self._link.command_hinges(self._motion.goal, now)
 
-    def _finish_stage(self, readings: HingeReadings, latches: tuple[LatchReading, ...] | None, now: float) -> None:
-        """See whether what is going on has come to its end, and go on to what follows."""
+    def _finish_stage(
+        self, readings: HingeReadings, health: HealthReadings | None, latches: Latches | None, now: float
+    ) -> HealthReadings | None:
+        """See whether what is going on has come to its end, and go on to what follows.
+
+        Returns the health, which is read for any claim that the structure is secured.
+        """
         if self.state is State.STOPPING and self._motion.at_rest:
             self._fire(Event.AT_REST)
         elif self.state is State.MOVING and self._motion.arrived:
             self._next_stage(Event.ARRIVED, now)
         elif self.state is State.LATCHING and latches is not None:
-            self._work_latches(readings, latches, now)
+            return self._work_latches(readings, health, latches, now)
+        return health
 
-    def _work_latches(self, readings: HingeReadings, latches: tuple[LatchReading, ...], now: float) -> None:
+    def _work_latches(
+        self, readings: HingeReadings, health: HealthReadings | None, latches: Latches, now: float
+    ) -> HealthReadings | None:
         closing = self._stage in ("latch", "lock")
-        if self._work is None:
-            if closing and not self._settled(readings, now):
-                return
-            deployed = self._stage in ("latch", "unlatch")
-            self._work = LatchWork(self._rig.latches if deployed else self._rig.stow_locks, closing, now)
+        settled = not closing or self._settled(readings, now)
+        if self._work is None and settled:
+            here, others = self._rig.latches, self._rig.stow_locks
+            if self._stage in ("unlock", "lock"):
+                here, others = others, here
+            self._work = LatchWork(here, closing, now, () if closing else others)
             self._link.command_latches(self._work, now)
-        elif self._work.pending(latches):
+        elif self._work is not None and self._work.pending(latches):
             self._trip(self._work.judge(latches, now))
-        else:
-            endings = {"latch": Event.DEPLOYMENT_SECURED, "lock": Event.STOWAGE_SECURED}
-            self._next_stage(endings.get(str(self._stage), Event.RELEASED), now)
+        elif self._work is not None and settled:
+            return self._secure(health, latches, now)
+        return health
+
+    def _secure(self, health: HealthReadings | None, latches: Latches, now: float) -> HealthReadings | None:
+        """Go on from the latches; nothing is called deployed or stowed before a look at everything."""
+        ending = _ENDINGS.get(self._stage, Event.RELEASED)
+        if ending is not Event.RELEASED:
+            self._trip(self._monitor.judge_impossible_latches(latches, now))
+            health = self._read_health(now) if health is None else health
+            if health is None or not health.sound.all():
+                return health  # in the next cycle; silence ends in a fault
+        if self.state is State.LATCHING:
+            self._next_stage(ending, now)
+        return health
 
     def _settled(self, readings: HingeReadings, now: float) -> bool:
-        """Whether every crease is measured at the end of the path; a fault when that takes too long."""
+        """Whether every crease is measured at the end of the path; a fault when it is not for too long."""
         goal = self._motion.goal
         if self._monitor.at_goal(readings, goal):
+            self._stage_started = now
             return True
         if now - self._stage_started > self._settings.settle_timeout_s:
             self._trip(self._monitor.goal_fault(readings, goal, now))
@@ -391,7 +398,7 @@ class Controller:
         readings: HingeReadings,
         folds: FloatArray,
         health: HealthReadings | None,
-        latches: tuple[LatchReading, ...] | None,
+        latches: Latches | None,
     ) -> CycleRecord:
         return CycleRecord(
             index=self._cycles,
@@ -409,19 +416,10 @@ class Controller:
             health=health,
             latches=latches,
             lost_replies=self._monitor.lost_replies,
-            overruns=self._overruns,
+            overruns=self._pacer.overruns,
             transitions=self._machine.take_transitions(),
             fault=self._fault,
         )
-
-    def _notify(self, record: CycleRecord) -> None:
-        for observer in tuple(self._observers):
-            try:
-                observer(record)
-            except Exception as error:  # noqa: BLE001  a full disk must not stop a structure half-way
-                log.error("observer %r failed in cycle %d: %r", observer, record.index, error)
-                self._observers.remove(observer)
-                self._observer_errors.append(f"{type(error).__name__}: {error}")
 
     # -- inside --------------------------------------------------------------------------------------
 
@@ -450,17 +448,18 @@ class Controller:
         """Start a command from the measured place; every hinge has to say where it is, and be fit."""
         self._machine.require(command)
         now = self._clock.now()
-        readings = self._link.fresh_readings(self._settings.lost_replies_allowed + 1)
-        unfit = self._monitor.judge_health(self._link.bus.read_health(), True, now)
+        readings = self._link.fresh_readings(self._attempts)
+        unfit = self._monitor.judge_health(self._link.fresh_health(self._attempts), True, now)
         if unfit is not None:
             raise StartRefused(f"{unfit.thing}: {unfit.detail}", remedy=unfit.remedy)
         folds = self._localiser.folds(readings.position_rad)
         place = locate(readings.position_rad, folds, self._room.allowed(folds), self._table, self._rig)
-        self._monitor.restart()
         self._motion.go(place, direction)
+        self._monitor.restart()
+        self._monitor.seed(folds)
         self._command, self._stages, self._stage = command, stages, stages[0]
         self._start_stage_clock(now)
-        self._since = (now, self._cycles, self._overruns, self._monitor.lost_replies)
+        self._since = (now, self._cycles, self._pacer.overruns, self._monitor.lost_replies)
         self._fire(command)
 
     def _next_stage(self, event: Event, now: float) -> None:
@@ -477,7 +476,7 @@ class Controller:
         """Clear the actuators' own errors. Those that hold go on holding, where they are measured now."""
         self._link.bus.reset_errors()
         if self._motion.holding and self._link.bus.read_health().torque_on.all():
-            self._motion.stand(self._link.bus.enable_torque())
+            self._motion.stand(self._link.torque_on(self._attempts))
             return State.ARMED
         self._motion.let_go()
         return State.READY
@@ -488,8 +487,13 @@ class Controller:
         if self.state in IN_MOTION:
             self._trip(fault)
         try:
-            while not self._motion.at_rest:
+            self.step()  # at rest as well: observers must see the fault
+            for _ in range(math.ceil(2.0 * self._rig.rate_hz / self._motion.slew_per_s) + 10):
+                if self._motion.at_rest:
+                    return
                 self.step()
+            log.error("not at rest after twice the time of the ramp: goals stay as last sent")
+            self._motion.halt()
         except BaseException as error:  # noqa: BLE001  the first error is the one that gets raised
             log.error("could not come to rest along the path (%r): goals stay as last sent", error)
             self._motion.halt()

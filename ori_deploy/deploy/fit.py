@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,9 @@ FloatArray = NDArray[np.float64]
 
 REST_RATE_RAD_S = 1e-3
 """Shaft speed up to which the end of a plan counts as at rest."""
+
+RATE_SLACK = 0.01
+"""Part of a crease's largest rate by which its claimed rates may differ from the table's differences."""
 
 LIMIT_SLACK = 1e-3
 """Part by which a plan may exceed a limit: roundings of its file, nothing more."""
@@ -39,6 +44,7 @@ def check_fit(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
     _check_rest(plan, rig, rate)
     rig.check_range(plan.crease_angles_rad)
     _check_limits(plan, rig)
+    _check_rates(plan)
 
 
 def _check_names(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
@@ -55,6 +61,18 @@ def _check_names(plan: Plan, rig: ResolvedRig, bus: ActuatorBus) -> None:
                 remedy="resolve the rig for this plan, and build the bus from the resolved rig",
                 source=rig.source,
             )
+    if not math.isclose(plan.rate_hz, rig.rate_hz):
+        raise RigError(
+            "plan and rig have different rates",
+            value=f"rate_hz = {rig.rate_hz:g} in the rig",
+            limit=f"{plan.rate_hz:g}, as the plan was made",
+            remedy="plan again with this rig",
+            source=rig.source,
+        )
+    if not plan.latch_points:
+        raise MotionError(
+            f"plan {plan.design_name} has no latch point: nothing locks the deployed state", remedy="plan again"
+        )
     secured = {latch.secures for latch in rig.latches}
     for point in plan.latch_points:
         if point not in secured:
@@ -128,3 +146,23 @@ def _check_limits(plan: Plan, rig: ResolvedRig) -> None:
                 remedy="plan again with this rig",
                 source=rig.source,
             )
+
+
+def _check_rates(plan: Plan) -> None:
+    """The rates a table claims against its own differences: the path is interpolated with both."""
+    step = np.diff(plan.time_s)[:, None, None]
+    slope = np.diff(plan.crease_angles_rad, axis=0) / step
+    jerk = np.abs(np.diff(slope, axis=0)).max(axis=0) if len(slope) > 1 else np.zeros(slope.shape[1:])
+    allowed = jerk + RATE_SLACK * np.abs(slope).max(axis=0) + REST_RATE_RAD_S
+    rates = plan.crease_rates_rad_s
+    off = np.maximum(np.abs(rates[:-1] - slope), np.abs(rates[1:] - slope))
+    if (off <= allowed).all():
+        return
+    row, cell, crease = np.argwhere(~(off <= allowed))[0]
+    raise MotionError(
+        f"plan {plan.design_name}: the rate of crease {CREASES[crease]} of cell {plan.cell_ids[cell]} "
+        "is not that of its angle",
+        value=f"{off[row, cell, crease]:.4g} rad/s apart at fold {plan.fold[row]:.4g}",
+        limit=f"{allowed[cell, crease]:.4g} rad/s",
+        remedy="plan again",
+    )

@@ -9,6 +9,8 @@ from ori_deploy.actuators.rig import Latch
 from ori_deploy.deploy.monitor import describe
 from ori_deploy.deploy.result import Fault, FaultKind
 
+Latches = tuple[LatchReading, ...]
+
 
 class LatchWork:
     """One round of commanding latches and waiting for their sensors.
@@ -24,10 +26,14 @@ class LatchWork:
         Close or open.
     now
         Start of the wait.
+    others
+        Latches of the other end of the path, to be opened as well: nothing may move while one of them says
+        that it is closed, though one that cannot tell is not waited for.
     """
 
-    def __init__(self, latches: Sequence[Latch], engage: bool, now: float) -> None:
+    def __init__(self, latches: Sequence[Latch], engage: bool, now: float, others: Sequence[Latch] = ()) -> None:
         self._latches = tuple(latches)
+        self._others = tuple(others)
         self._engage = engage
         self._started = now
 
@@ -38,11 +44,15 @@ class LatchWork:
                 bus.engage(latch.id)
             else:
                 bus.release(latch.id)
+        for latch in self._others:
+            bus.release(latch.id)
 
     def pending(self, readings: Sequence[LatchReading]) -> tuple[Latch, ...]:
         """Latches that are not yet known to be as they should."""
         by_id = {reading.id: reading for reading in readings}
-        return tuple(latch for latch in self._latches if not self._done(latch, by_id[latch.id]))
+        undone = (latch for latch in self._latches if not self._done(latch, by_id[latch.id]))
+        in_the_way = (latch for latch in self._others if not _harmless(latch, by_id[latch.id]))
+        return (*undone, *in_the_way)
 
     def judge(self, readings: Sequence[LatchReading], now: float) -> Fault | None:
         """Fault of a latch that shut itself off, or has taken too long."""
@@ -67,3 +77,7 @@ class LatchWork:
         if self._engage:
             return reading.valid and reading.confirmed is True
         return latch.kind == "magnet" or (reading.valid and reading.confirmed is False)
+
+
+def _harmless(latch: Latch, reading: LatchReading) -> bool:
+    return latch.kind == "magnet" or (reading.valid and reading.confirmed is not True)

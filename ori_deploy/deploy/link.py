@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from ori_deploy.actuators.bus import (
     ActuatorBus,
@@ -16,7 +19,10 @@ from ori_deploy.actuators.bus import (
     HingeReadings,
     LatchReading,
     LatchTripped,
+    believable,
 )
+from ori_deploy.actuators.rig import Latch
+from ori_deploy.clock import Clock
 from ori_deploy.deploy.latching import LatchWork
 from ori_deploy.deploy.motion import FloatArray
 from ori_deploy.deploy.result import Fault, FaultKind, StartRefused
@@ -39,6 +45,8 @@ class Link:
         The bus.
     trip
         Receives every fault, at once.
+    clock, max_age_s
+        By which a reading is too old.
 
     Attributes
     ----------
@@ -46,10 +54,13 @@ class Link:
         The bus said that it is closed; nothing is asked of it until `connect`.
     """
 
-    def __init__(self, bus: ActuatorBus, trip: Callable[[Fault], None]) -> None:
+    def __init__(self, bus: ActuatorBus, trip: Callable[[Fault], None], clock: Clock, max_age_s: float) -> None:
         self.bus = bus
         self.lost = False
         self._trip = trip
+        self._clock = clock
+        self._max_age_s = max_age_s
+        self._latches = tuple(LatchReading(name, False, None, valid=False, time_s=np.nan) for name in bus.latch_ids)
 
     def connect(self) -> None:
         """Open the bus. Raises what it raises."""
@@ -68,23 +79,26 @@ class Link:
         return HingeReadings.none(len(self.bus.hinge_ids))
 
     def read_health(self, now: float) -> HealthReadings | None:
-        """Readings, or None when nobody answered."""
+        """Readings, none of them valid when nobody answered; None when the bus failed otherwise."""
         if not self.lost:
             try:
                 return self.bus.read_health()
             except (BusTimeout, CorruptReply):
-                pass  # silence shows in the hinges' readings
+                return HealthReadings.none(len(self.bus.hinge_ids))  # whoever judges it counts them
             except BusError as error:
                 self._fail(error, now)
         return None
 
     def read_latches(self, now: float) -> tuple[LatchReading, ...] | None:
-        """Readings, or None when nobody answered."""
+        """Readings, none of them valid when nobody answered; None when the bus failed otherwise."""
         if not self.lost:
             try:
-                return self.bus.read_latches()
-            except (BusTimeout, CorruptReply):
-                pass  # not a confirmation: whoever waits for one runs into its timeout
+                self._latches = self.bus.read_latches()
+                return self._latches
+            except (BusTimeout, CorruptReply):  # whoever waits for a latch must see that it is silent
+                return tuple(
+                    replace(latch, confirmed=None, valid=False, time_s=np.nan, fault=None) for latch in self._latches
+                )
             except BusError as error:
                 self._fail(error, now)
         return None
@@ -105,8 +119,48 @@ class Link:
             except BusError as error:
                 self._fail(error, now)
 
+    def relax_magnets(self, latches: Sequence[Latch], now: float) -> None:
+        """Take the current off electromagnets that nobody watches any more."""
+        for latch in latches:
+            if latch.kind == "electromagnet" and not self.lost:
+                try:
+                    self.bus.release(latch.id)
+                except BusError as error:
+                    self._fail(error, now)
+
+    def torque_on(self, attempts: int) -> FloatArray:
+        """Turn torque on where every hinge believably stands, and return the goals.
+
+        Raises
+        ------
+        CommandRefused
+            A hinge does not say where it is now; no torque went on.
+        """
+        try:
+            readings = self.fresh_readings(attempts)
+        except StartRefused as error:
+            raise CommandRefused(f"torque stays off: {error}") from error
+        return self.bus.enable_torque(readings)
+
+    def fresh_health(self, attempts: int) -> HealthReadings:
+        """Health that every hinge told. Raises as `fresh_readings` does."""
+        missing = self.bus.hinge_ids
+        for _ in range(attempts):
+            try:
+                health = self.bus.read_health()
+            except (BusTimeout, CorruptReply):
+                continue  # nobody answered: all are missing
+            if health.sound.all():
+                return health
+            missing = tuple(name for name, sound in zip(self.bus.hinge_ids, health.sound, strict=True) if not sound)
+        raise StartRefused(
+            f"no valid health from {', '.join(missing)}",
+            limit="temperature and voltage of every hinge before anything moves",
+            remedy="check power and wiring",
+        )
+
     def fresh_readings(self, attempts: int) -> HingeReadings:
-        """Readings in which every hinge answered.
+        """Readings in which every hinge believably says where it is now.
 
         Raises
         ------
@@ -121,9 +175,10 @@ class Link:
                 readings = self.bus.read_hinges()
             except (BusTimeout, CorruptReply):
                 continue  # nobody answered: all are missing
-            if readings.valid.all():
+            known = believable(readings, self._clock.now(), self._max_age_s)
+            if known.all():
                 return readings
-            missing = tuple(name for name, valid in zip(self.bus.hinge_ids, readings.valid, strict=True) if not valid)
+            missing = tuple(name for name, valid in zip(self.bus.hinge_ids, known, strict=True) if not valid)
         raise StartRefused(
             f"no valid position from {', '.join(missing)}",
             limit="a valid reading from every hinge before anything moves",

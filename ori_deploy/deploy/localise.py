@@ -72,7 +72,7 @@ def locate(
     """
     low, high = int(np.argmin(folds)), int(np.argmax(folds))
     spread = float(folds[high] - folds[low])
-    if spread >= allowed_spread:
+    if not spread < allowed_spread:  # true for NaN as well
         middle = float(np.median(folds))
         worst = low if middle - folds[low] > folds[high] - middle else high
         raise StartRefused(
@@ -85,7 +85,7 @@ def locate(
     path_time = table.time_at(float(folds.mean()))
     away = np.abs(rig.to_crease(shaft_rad) - rig.to_crease(table.shaft_at(path_time)))
     worst = int(np.argmax(away))
-    if away[worst] > rig.controller.start_tolerance_rad:
+    if not away[worst] <= rig.controller.start_tolerance_rad:
         raise StartRefused(
             f"crease {rig.hinges[worst].crease} of cell {rig.cell_ids[worst]} is off the path",
             value=f"{away[worst]:.4f} rad from fold {folds.mean():.4f}",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import HardwareError, HealthReadings, HingeReadings, LatchReading
+from ori_deploy.actuators.bus import HardwareError, HealthReadings, HingeReadings, LatchReading, believable
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.actuators.rig import Latch
 from ori_deploy.deploy.result import Fault, FaultKind
+from ori_deploy.deploy.states import State
 from ori_deploy.motion.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -38,6 +39,7 @@ class Monitor:
         n = len(rig.hinges)
         self._fresh = np.zeros(n, dtype=np.bool_)
         self._streak = np.zeros(n, dtype=np.int64)
+        self._health_streak = np.zeros(n, dtype=np.int64)
         self._latch_streak: dict[str, int] = {}
         self.lost_replies = 0
         self.folds = np.full(n, np.nan)
@@ -48,6 +50,12 @@ class Monitor:
         self.worst_tracking_rad = 0.0
         self.worst_tracking_hinge = self._rig.hinge_ids[0]
         self._latch_streak.clear()
+        self._health_streak[:] = 0
+
+    def seed(self, folds: FloatArray) -> None:
+        """Begin from a reading in which every hinge answered, so that the first cycle may lose some."""
+        self.folds = folds
+        self._streak[:] = 0
 
     def judge_replies(self, readings: HingeReadings, folds: FloatArray, now: float) -> Fault | None:
         """Count what was lost; too many in a row from one hinge is a fault.
@@ -61,7 +69,7 @@ class Monitor:
         now
             To judge their age.
         """
-        fresh = readings.valid & (now - readings.time_s <= self._settings.max_reading_age_s)
+        fresh = believable(readings, now, self._settings.max_reading_age_s)
         self._fresh = fresh
         if fresh.all():
             self._streak[:] = 0
@@ -104,14 +112,14 @@ class Monitor:
         )
 
     def at_goal(self, readings: HingeReadings, goal_rad: FloatArray) -> bool:
-        """Whether every crease is measured within `goal_tolerance_rad`."""
+        """Whether every crease is believably measured within `goal_tolerance_rad`, in this cycle's readings."""
         away = np.abs(readings.position_rad - goal_rad) / self._gear
-        return bool((away <= self._settings.goal_tolerance_rad).all())  # False where not valid
+        return bool((self._fresh & (away <= self._settings.goal_tolerance_rad)).all())
 
     def goal_fault(self, readings: HingeReadings, goal_rad: FloatArray, now: float) -> Fault:
         """The crease that is farthest from its goal; silent ones first."""
         away = np.abs(readings.position_rad - goal_rad) / self._gear
-        i = int(np.argmax(np.where(readings.valid, away, np.inf)))
+        i = int(np.argmax(np.where(self._fresh, away, np.inf)))
         hinge = self._rig.hinges[i]
         return Fault(
             FaultKind.GOAL_TOLERANCE,
@@ -138,14 +146,15 @@ class Monitor:
         )
 
     def judge_health(self, health: HealthReadings, torque_wanted: bool, now: float) -> Fault | None:
-        """Look for hardware errors, lost torque, heat and low voltage, in this order."""
-        settings, valid = self._settings, health.valid
-        errors = valid & (health.hardware_error != 0)
+        """Look for hardware errors, lost torque, heat, low voltage and silence, in this order."""
+        settings, valid = self._settings, health.sound
+        self._health_streak = np.where(valid, 0, self._health_streak + 1)
+        errors = health.valid & (health.hardware_error != 0)
         if errors.any():
             i = int(np.argmax(errors))
             name = str(HardwareError(int(health.hardware_error[i])).name)
             return self._health_fault(FaultKind.HARDWARE_ERROR, i, f"reports {name}", "remove its cause", now)
-        limp = valid & ~health.torque_on
+        limp = health.valid & ~health.torque_on
         if torque_wanted and limp.any():
             return self._health_fault(
                 FaultKind.TORQUE_LOST,
@@ -164,10 +173,22 @@ class Monitor:
             i = int(np.argmax(low))
             detail = f"{health.voltage_v[i]:.2f} V; limit: {settings.min_voltage_v:.2f} V"
             return self._health_fault(FaultKind.LOW_VOLTAGE, i, detail, "check the supply", now)
+        worst = int(np.argmax(self._health_streak))
+        if self._health_streak[worst] > settings.lost_replies_allowed:
+            detail = f"{self._health_streak[worst]} valid health replies missing in a row; "
+            detail += f"limit: {settings.lost_replies_allowed}"
+            return self._health_fault(FaultKind.LOST_REPLIES, worst, detail, "check its cable and power", now)
         return None
 
     def _health_fault(self, kind: FaultKind, hinge: int, detail: str, remedy: str, now: float) -> Fault:
         return Fault(kind, self._rig.hinge_ids[hinge], detail, remedy, now)
+
+    def judge_latches(self, state: State, readings: tuple[LatchReading, ...], now: float) -> Fault | None:
+        """What latches may say in a state: while moving nothing impossible, at rest that they hold."""
+        if state is State.MOVING:
+            return self.judge_impossible_latches(readings, now)
+        held = {State.DEPLOYED: self._rig.latches, State.STOWED: self._rig.stow_locks}.get(state, ())
+        return self.judge_held_latches(readings, held, now)
 
     def judge_impossible_latches(self, readings: tuple[LatchReading, ...], now: float) -> Fault | None:
         """A latch that says closed at the other end of the motion has a sensor that cannot be believed."""
@@ -175,7 +196,7 @@ class Monitor:
         n_latches = len(self._rig.latches)
         for i, reading in enumerate(readings):
             far = fold < 0.5 if i < n_latches else fold > 0.5
-            if far and reading.confirmed:
+            if far and reading.valid and reading.confirmed:
                 return Fault(
                     FaultKind.LATCH_SENSOR,
                     reading.id,
@@ -191,11 +212,11 @@ class Monitor:
         """A latch that held and no longer says so, more often in a row than replies may be lost."""
         wanted = {latch.id for latch in held}
         for reading in (reading for reading in readings if reading.id in wanted):
-            streak = 0 if reading.confirmed else self._latch_streak.get(reading.id, 0) + 1
+            streak = 0 if reading.valid and reading.confirmed else self._latch_streak.get(reading.id, 0) + 1
             self._latch_streak[reading.id] = streak
             if streak > self._settings.lost_replies_allowed:
                 return Fault(
-                    FaultKind.LATCH_LOST,
+                    FaultKind.LATCH_LOST if reading.valid else FaultKind.LOST_REPLIES,
                     reading.id,
                     f"was confirmed and now is {describe(reading)}",
                     "look at the latch, then clear the fault",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.path import PathTable
+from ori_deploy.deploy.result import StartRefused
 
 FloatArray = NDArray[np.float64]
 
@@ -66,6 +67,9 @@ class Approach:
     brought to zero at any moment. Cells are less than the step tolerance apart when it begins, and no
     farther at any point of it.
 
+    It lasts so long that every driven crease and its actuator keep their velocity and acceleration limits,
+    the ramp of the variable included. Passive creases follow the driven ones and are not looked at here.
+
     Parameters
     ----------
     start_rad, target_rad
@@ -81,9 +85,14 @@ class Approach:
     def __init__(self, start_rad: FloatArray, target_rad: FloatArray, rig: ResolvedRig, slew_per_s: float) -> None:
         self._start = start_rad
         self._way = target_rad - start_rad
-        farthest = float(np.abs(self._way / rig.shaft_per_crease).max())
-        # The ease peaks at 1.5 times its mean speed.
-        self._duration_s = max(self.SHORTEST_S, 1.5 * farthest / rig.controller.align_velocity_rad_s)
+        way = np.abs(self._way / rig.shaft_per_crease)
+        velocity, acceleration = (rig.driven(limit) for limit in rig.crease_limits())
+        # With duration T the ease peaks at a speed of 1.5 way / T and an acceleration of 6 way / T**2; a ramp
+        # of the variable adds slew * speed. So T solves acceleration T**2 = 1.5 slew way T + 6 way.
+        ramp = 1.5 * slew_per_s * way
+        slow = 1.5 * way / np.minimum(velocity, rig.controller.align_velocity_rad_s)
+        gentle = (ramp + np.sqrt(ramp * ramp + 24.0 * way * acceleration)) / (2.0 * acceleration)
+        self._duration_s = max(self.SHORTEST_S, float(slow.max()), float(gentle.max()))
         self.variable = PathVariable(0.0, 0.0, self._duration_s, slew_per_s)
 
     @property
@@ -101,12 +110,15 @@ class Approach:
 def rate_slew(table: PathTable, rig: ResolvedRig) -> float:
     """Slope of the path rate, 1/s, for a controlled stop.
 
-    As steep as `hold_ramp_s` asks, but never so steep that the change of rate alone takes more than an
-    actuator's acceleration: `shaft acceleration = shaft_rate * slope` on top of the plan's own.
+    As steep as `hold_ramp_s` asks, but never so steep that the change of rate alone takes more than the
+    acceleration limit of any crease, driven or passive: `acceleration = crease_rate * slope`.
+
+    That comes on top of the plan's own `rate**2 * acceleration`. The sum is bounded by twice the limit, not
+    by the limit: a plan that brakes at its limit cannot be braked harder within it, and a stop goes first.
     """
     wanted = 1.0 / rig.controller.hold_ramp_s
-    speed = np.abs(table.shaft_rate_rad_s).max(axis=0)
-    limits = np.array([actuator.max_acceleration_rad_s2 for actuator in rig.actuators])
+    speed = table.peak_crease_rate_rad_s
+    _, limits = rig.crease_limits()
     possible = np.divide(limits, speed, out=np.full_like(speed, np.inf), where=speed > 0.0)
     return min(wanted, float(possible.min()))
 
@@ -145,7 +157,12 @@ class Motion:
         self.stand(np.full_like(self.goal, np.nan))
 
     def go(self, place_s: float, direction: float) -> None:
-        """From the present goals to the path at `place_s`, then along it."""
+        """From the present goals to the path at `place_s`, then along it.
+
+        Raises `StartRefused` when the place is not a number.
+        """
+        if not (np.isfinite(place_s) and np.isfinite(self.goal).all()):
+            raise StartRefused("the place on the path is not known", remedy="arm again, then look at the sensors")
         self._path = PathVariable(place_s, 0.0, self._table.duration_s, self.slew_per_s)
         self._approach = Approach(self.goal, self._table.shaft_at(place_s), self._rig, self.slew_per_s)
         self._placed = True

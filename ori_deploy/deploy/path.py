@@ -23,12 +23,15 @@ class PathTable:
         As in the plan.
     shaft_rad, shaft_rate_rad_s
         Position and rate of every shaft at full rate.
+    peak_crease_rate_rad_s
+        (n_cells, 4) largest rate of every crease, driven or not, at full rate.
     """
 
     time_s: FloatArray
     fold: FloatArray
     shaft_rad: FloatArray
     shaft_rate_rad_s: FloatArray
+    peak_crease_rate_rad_s: FloatArray
 
     @classmethod
     def build(cls, plan: Plan, rig: ResolvedRig) -> PathTable:
@@ -38,6 +41,7 @@ class PathTable:
             fold=plan.fold,
             shaft_rad=rig.to_actuator(plan.crease_angles_rad),
             shaft_rate_rad_s=rig.shaft_per_crease * rig.driven(plan.crease_rates_rad_s),
+            peak_crease_rate_rad_s=np.abs(plan.crease_rates_rad_s).max(axis=0),
         )
 
     @property

@@ -170,3 +170,13 @@ class MotionResult:
     def succeeded(self) -> bool:
         """Whether the structure is where the command wanted it, secured and measured."""
         return self.outcome is Outcome.SUCCEEDED
+
+
+OUTCOMES = {
+    State.DEPLOYED: Outcome.SUCCEEDED,
+    State.STOWED: Outcome.SUCCEEDED,
+    State.HOLD: Outcome.HELD,
+    State.ARMED: Outcome.STOPPED,
+    State.FAULT: Outcome.FAULT,
+}
+"""How a command ended, by the state it ended in."""

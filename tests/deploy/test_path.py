@@ -185,7 +185,39 @@ def test_driven_crease_that_turns_back_is_refused_by_name() -> None:
 def test_other_creases_may_turn_back() -> None:
     angles = PLAN.crease_angles_rad.copy()
     angles[:, 0, 3] = 0.4 * np.sin(2.0 * PLAN.fold)
-    controller_for(replace(PLAN, crease_angles_rad=angles), "close_a")
+    rates = PLAN.crease_rates_rad_s.copy()
+    rates[:, 0, 3] = np.gradient(angles[:, 0, 3], PLAN.time_s)
+    controller_for(replace(PLAN, crease_angles_rad=angles, crease_rates_rad_s=rates), "close_a")
+
+
+def test_a_rate_that_is_not_that_of_the_angle_is_refused() -> None:
+    rates = PLAN.crease_rates_rad_s.copy()
+    rates[90, 1, 2] *= 1.5
+    with pytest.raises(MotionError, match="rate of crease close_a of cell c2 is not that of its angle"):
+        controller_for(replace(PLAN, crease_rates_rad_s=rates))
+
+
+def test_a_plan_without_latch_points_is_refused() -> None:
+    with pytest.raises(MotionError, match="nothing locks the deployed state"):
+        controller_for(replace(PLAN, latch_points=()))
+
+
+def test_a_plan_of_another_rate_is_refused() -> None:
+    with pytest.raises(RigError, match="different rates"):
+        controller_for(replace(PLAN, rate_hz=50.0))
+
+
+def test_the_ramp_and_the_approach_keep_the_limits_of_accelerations() -> None:
+    weak = synthetic_rig(PLAN, passive_creases={"max_acceleration_rad_s2": 0.8})
+    slew = rate_slew(TABLE, weak)
+    assert slew * np.abs(PLAN.crease_rates_rad_s[:, :, [0, 1, 3]]).max() == pytest.approx(0.8)
+    soft = synthetic_rig(PLAN, each_cell={"max_crease_acceleration_rad_s2": 0.5})
+    approach = Approach(TABLE.shaft_at(0.5), TABLE.shaft_at(0.6), soft, rate_slew(TABLE, soft))
+    shafts = []
+    while not approach.finished:
+        approach.variable.advance(0.01, 1.0)
+        shafts.append(soft.to_crease(approach.shaft()))
+    assert np.abs(np.diff(shafts, n=2, axis=0)).max() / 1e-4 <= 0.5 * 1.01
 
 
 def test_plan_with_a_hole_is_refused() -> None:

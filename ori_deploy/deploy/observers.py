@@ -1,0 +1,66 @@
+"""Who is told of every cycle; nothing that an observer does reaches the motion."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ori_deploy.deploy.result import CycleRecord
+
+Observer = Callable[[CycleRecord], None]
+
+log = logging.getLogger(__name__)
+
+
+class Observers:
+    """Calls observers in order; one that raises is not called again.
+
+    Attributes
+    ----------
+    errors
+        What they raised.
+    """
+
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self._observers = list(observers)
+        self.errors: list[str] = []
+
+    def add(self, observer: Observer) -> None:
+        """Call it from now on."""
+        self._observers.append(observer)
+
+    def notify(self, record: CycleRecord) -> None:
+        """Hand a record out; its arrays are copies that cannot be written to."""
+        sealed = _sealed(record)
+        for observer in tuple(self._observers):
+            try:
+                observer(sealed)
+            except Exception as error:  # noqa: BLE001  a full disk must not stop a structure half-way
+                log.error("observer %r failed in cycle %d: %r", observer, record.index, error)
+                self._observers.remove(observer)
+                self.errors.append(f"{type(error).__name__}: {error}")
+
+
+def _sealed(record: CycleRecord) -> CycleRecord:
+    readings, health = record.readings, record.health
+    return replace(
+        record,
+        commanded_rad=_read_only(record.commanded_rad),
+        folds=_read_only(record.folds),
+        readings=replace(readings, **_arrays(readings)),
+        health=None if health is None else replace(health, **_arrays(health)),
+    )
+
+
+def _arrays(readings: Any) -> dict[str, NDArray[Any]]:
+    return {name: _read_only(getattr(readings, name)) for name in readings.__dataclass_fields__}
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy
