@@ -57,7 +57,8 @@ def key_facts(structure: Structure | None, plan: Plan | None, run: Run | None) -
             Fact(
                 "smallest clearance",
                 _mm(plan.check.smallest_clearance_m),
-                f"{' and '.join(plan.check.clearance_panels)} at fold {plan.check.clearance_fold:.2f}",
+                f"{' and '.join(plan.check.clearance_panels)} at fold {plan.check.clearance_fold:.2f}, "
+                "touching ends left out",
             )
         )
     if run is not None:
