@@ -149,6 +149,9 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
     @click.option("--realtime", is_flag=True, help="Pace to the wall instead of the virtual clock.")
     def command(plan_file: Path, rig: Path, log: Path | None, realtime: bool) -> None:
         _, results, stopped = carry_out(plan_file, rig, (name,), log, realtime=realtime)
+        if not results:
+            click.echo("interrupted: before anything moved", err=True)
+            sys.exit(EXIT_INTERRUPTED)
         for problem in results[-1].observer_errors:
             warn(f"the motion went on without an observer: {problem}")
         if stopped and not results[-1].succeeded:

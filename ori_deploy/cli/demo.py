@@ -6,7 +6,7 @@ import math
 import sysconfig
 from pathlib import Path
 
-from ori_deploy.cli.frame import EXIT_NOT_DONE, print_table
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, print_table, warn
 from ori_deploy.cli.session import carry_out
 from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
 from ori_deploy.files import write_atomically
@@ -34,7 +34,10 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
     log.unlink(missing_ok=True)
     built, data, _ = make_design(spec, design_file)
     made = make_plan(design_file, rig, plan_file)
-    _, results, _ = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
+    _, results, stopped = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
+    if stopped and len(results) < 2:
+        warn(f"interrupted, at rest: no figures were made; the flight so far is in {log}")
+        return EXIT_INTERRUPTED
     run = read_run(log)
     figures = {
         "section": draw_section(built.structure),

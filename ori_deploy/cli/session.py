@@ -20,6 +20,7 @@ from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
+from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError, RigError
 from ori_deploy.files import digest, load_plan
 from ori_deploy.motion import Plan
@@ -133,24 +134,25 @@ def carry_out(
             controller.connect()
             controller.arm()
             for command in commands:
+                if stop.requested:
+                    break
                 live.begin(command)
                 getattr(controller, command)()
-                results.append(_run(controller, stop))
+                results.append(run_command(controller, stop))
                 _write_result(log, results[-1])
                 live.end(results[-1])
-                if stop.requested or not results[-1].succeeded:
+                if not results[-1].succeeded:
                     break
                 if command != commands[-1]:
                     _dwell(controller, rig)
     return plan, tuple(results), stop.requested
 
 
-def _run(controller: Controller, stop: StopRequest) -> MotionResult:
+def run_command(controller: Controller, stop: StopRequest) -> MotionResult:
     """Step until the command has ended; a signal stops it along the path."""
-    stopping = False
     while controller.under_way:
-        if stop.requested and not stopping:
-            stopping = True
+        # In every other state the controller is coming to rest by itself, and a stop would be out of place.
+        if stop.requested and controller.state in (State.MOVING, State.LATCHING):
             controller.stop()
         controller.step()
     return controller.result()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ori_deploy.view.plan_curves import draw_plan
 from ori_deploy.view.report import render_report
 from ori_deploy.view.section import draw_section
-from ori_deploy.view.sheet import save_png, save_svg, to_png, to_svg
+from ori_deploy.view.sheet import to_png, to_svg
 from ori_deploy.view.strip import draw_strip
 from ori_deploy.view.tracking import draw_tracking
 
@@ -15,8 +15,6 @@ __all__ = [
     "draw_strip",
     "draw_tracking",
     "render_report",
-    "save_png",
-    "save_svg",
     "to_png",
     "to_svg",
 ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from pathlib import Path
 
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -45,11 +44,6 @@ def to_inline_svg(figure: Figure, prefix: str, label: str) -> Markup:
     return Markup(element.replace("<svg ", head, 1))  # our own drawing: matplotlib escapes what it writes
 
 
-def save_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG."""
-    path.write_text(to_svg(figure), encoding="utf-8")
-
-
 def to_png(figure: Figure, dpi: float = 160.0) -> bytes:
     """A whole PNG file.
 
@@ -62,8 +56,3 @@ def to_png(figure: Figure, dpi: float = 160.0) -> bytes:
     with house_style():
         FigureCanvasAgg(figure).print_figure(out, format="png", dpi=dpi, metadata={"Software": None})
     return out.getvalue()
-
-
-def save_png(figure: Figure, path: Path, dpi: float = 160.0) -> None:
-    """Write a figure as PNG, see `to_png`."""
-    path.write_bytes(to_png(figure, dpi))

@@ -13,6 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ori_deploy.cli.session import StopRequest, run_command
+from ori_deploy.deploy.states import State
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 COMMANDS = ("design", "poses", "plan", "deploy", "stow", "report", "demo")
@@ -221,3 +224,41 @@ def test_files_that_are_not_what_they_should_be_are_refused(tmp_path: Path, cont
         done = run(*words, cwd=tmp_path)
         assert done.returncode == 2, done.stderr
         assert "Traceback" not in done.stderr
+
+
+class _SignalledOnce:
+    """A controller that is told to stop while it is already coming to rest with a fault."""
+
+    def __init__(self, states: list[State]) -> None:
+        self._states = states
+        self.stops = 0
+
+    @property
+    def state(self) -> State:
+        return self._states[0]
+
+    @property
+    def under_way(self) -> bool:
+        return len(self._states) > 1
+
+    def stop(self) -> None:
+        assert self.state in (State.MOVING, State.LATCHING)
+        self.stops += 1
+
+    def step(self) -> None:
+        self._states.pop(0)
+
+    def result(self) -> str:
+        return "ended"
+
+
+@pytest.mark.parametrize(
+    ("states", "stops"),
+    [([State.FAULT, State.FAULT], 0), ([State.MOVING, State.STOPPING, State.ARMED], 1), ([State.DEPLOYED], 0)],
+)
+def test_a_signal_stops_a_motion_once_and_nothing_else(states: list[State], stops: int) -> None:
+    stop = StopRequest()
+    stop.requested = True
+    controller = _SignalledOnce(states)
+    assert run_command(controller, stop) == "ended"  # type: ignore[arg-type,comparison-overlap]
+    assert controller.stops == stops
