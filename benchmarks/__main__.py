@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks import control, geometry
+from benchmarks import control, geometry, layouts
 
 geometry.main()
 control.main()
+layouts.main()
