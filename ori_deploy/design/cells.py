@@ -62,6 +62,13 @@ class Cells:
         return np.stack([self.crease[:, 2], self.elbow[:, 0], self.crease[:, 3], self.elbow[:, 1]], axis=1)
 
     @cached_property
+    def face(self) -> Reals:
+        """(n, 4) length of each inner face, from closing crease to elbow; the void crosses itself where negative."""
+        # The elbow stands t tan(turn / 2) short of the crease's foot, and the turn there is pi less the angle.
+        short = self.offset / np.tan(0.5 * self.angle[:, [0, 1]])
+        return self.run - short[:, [0, 0, 1, 1]]
+
+    @cached_property
     def lean(self) -> Reals:
         """(n, 4) angle at each face's closing crease between the face and the link to the opening crease."""
         return np.arctan2(self.offset[:, [0, 0, 1, 1]], self.run)
@@ -80,12 +87,84 @@ class Cells:
         return np.pi - np.stack([link_a, link_b], axis=1)
 
 
+@dataclass(frozen=True)
+class Faces:
+    """Inner faces of all cells before any wall offset: directions and where they lie.
+
+    Attributes
+    ----------
+    direction
+        (n, 4) unit directions, counter-clockwise round the void.
+    turn
+        (n, 4) angles by which the direction turns at c, b, d, a.
+    opening
+        (n, 2) opening creases c, d.
+    """
+
+    direction: Points
+    turn: Reals
+    opening: Points
+
+    @cached_property
+    def angle(self) -> Reals:
+        """(n, 4) inner angles at the creases, in their order."""
+        angle: Reals = np.pi - self.turn[:, [0, 2, 3, 1]]
+        return angle
+
+    @cached_property
+    def _reach(self) -> Points:
+        """(n, 4) opening crease of each face in the face's own frame: along it, and off it."""
+        return np.conj(self.direction) * self.opening[:, [0, 0, 1, 1]]
+
+    def close(self, offset: Reals) -> tuple[Points, Reals]:
+        """(n, 2) closing creases and (n, 4) runs for wall offsets (n, 2)."""
+        u = self.direction
+        height = self._reach.imag + offset[:, [0, 0, 1, 1]]
+        cross = np.sin(self.turn[:, [3, 1]])
+        a = (height[:, 3] * u[:, 0] - height[:, 0] * u[:, 3]) / cross[:, 0]
+        b = (height[:, 1] * u[:, 2] - height[:, 2] * u[:, 1]) / cross[:, 1]
+        run = self._reach.real - (np.conj(u) * np.stack([a, b, b, a], axis=1)).real
+        return np.stack([a, b], axis=1), run * np.array([1.0, -1.0, 1.0, -1.0])
+
+    def excess(self, offset: Reals) -> Reals:
+        """(n,) by how much (3) wants the offset at c raised; at d where negative.
+
+        (3) is linear in the two offsets: raising `t_c` by δ changes the difference of the unfolded
+        lengths by δ (tan(α/2) + tan(β/2)), α and β the inner angles at v1 and v3, and raising `t_d`
+        by the opposite.
+        """
+        gain: Reals = np.tan(0.5 * self.angle[:, 2]) + np.tan(0.5 * self.angle[:, 3])
+        return -unfolded_difference(self.close(offset)[1]) / gain
+
+    def cells(self, rim: Reals, offset: Reals) -> Cells:
+        """The cells with these rim thicknesses and wall offsets, (n, 2) each."""
+        u, turn = self.direction, self.turn[:, [0, 2]]
+        closing, run = self.close(offset)
+        elbow = self.opening + 1j * offset * (u[:, [0, 2]] + u[:, [1, 3]]) / (1.0 + np.cos(turn))
+        crease = np.concatenate([self.opening, closing], axis=1)
+        return Cells(u, crease, elbow, rim, offset, run, self.angle)
+
+
+def unfolded_difference(run: Reals) -> Reals:
+    """(n,) unfolded length over c less that over d: zero by (3)."""
+    difference: Reals = run[:, 0] + run[:, 1] - run[:, 2] - run[:, 3]
+    return difference
+
+
+def faces_of(corner: Corners, crease: Points) -> Faces:
+    """Inner faces from the opening corners and their creases, (2 n,)."""
+    before = np.where(corner.curved_before, crease, corner.w) - corner.q_before
+    after = corner.q_after - np.where(corner.curved_after, crease, corner.w)
+    side = np.stack([before, after], axis=1).reshape(-1, 4)
+    u = side / np.abs(side)
+    turn = np.angle(np.roll(u, -1, axis=1) * np.conj(u))
+    return Faces(u, turn, crease.reshape(-1, 2))
+
+
 def build_cells(e: Embedding, corner: Corners, opening: OpeningCreases, wall_m: float) -> Cells:
     """Inner faces, offsets by (3) and closing creases of every cell.
 
-    (3) is linear in the two offsets once the faces' directions are known: raising `t_c` by δ
-    changes the difference of the unfolded lengths by δ (tan(α/2) + tan(β/2)), α and β the inner angles
-    at v1 and v3, and raising `t_d` by the opposite. So the smallest pair follows in closed form.
+    The smallest pair of offsets that satisfies (3) is taken: at most one of the two is raised.
 
     Raises
     ------
@@ -94,56 +173,24 @@ def build_cells(e: Embedding, corner: Corners, opening: OpeningCreases, wall_m: 
         cell at or beyond its dead centre.
     """
     names = e.layout.cell_ids
-    c = opening.z.reshape(-1, 2)
-    u = _face_directions(e, corner, opening)
-    turn = np.angle(np.roll(u, -1, axis=1) * np.conj(u))  # at c, b, d, a
-    angle = np.pi - turn[:, [0, 2, 3, 1]]
-    _refuse_angles(names, angle)
-    cross = np.sin(turn[:, [3, 1]])  # at a, b
-    reach = np.conj(u) * c[:, [0, 0, 1, 1]]
-    at_rest = reach.imag  # distance of each face's line from the origin at offset 0
+    _refuse_no_length(e, corner, opening.z)
+    faces = faces_of(corner, opening.z)
+    _refuse_angles(names, faces.angle)
     least = wall_m + opening.dip.reshape(-1, 2)
-
-    def close(offset: Reals) -> tuple[Points, Reals]:
-        height = at_rest + offset[:, [0, 0, 1, 1]]
-        a = (height[:, 3] * u[:, 0] - height[:, 0] * u[:, 3]) / cross[:, 0]
-        b = (height[:, 1] * u[:, 2] - height[:, 2] * u[:, 1]) / cross[:, 1]
-        corners = np.stack([a, b, b, a], axis=1)
-        run = reach.real - (np.conj(u) * corners).real
-        return np.stack([a, b], axis=1), run * np.array([1.0, -1.0, 1.0, -1.0])
-
-    def difference(run: Reals) -> Reals:
-        return run[:, 0] + run[:, 1] - run[:, 2] - run[:, 3]
-
-    gain = np.tan(0.5 * angle[:, 2]) + np.tan(0.5 * angle[:, 3])
-    _, run = close(least)
-    excess = -difference(run) / gain
-    small = TOLERANCE.root * e.profile.size
-    excess[np.abs(excess) <= small] = 0.0
+    excess = faces.excess(least)
+    excess[np.abs(excess) <= TOLERANCE.root * e.profile.size] = 0.0
     offset = least + np.stack([np.maximum(excess, 0.0), np.maximum(-excess, 0.0)], axis=1)
-    closing, run = close(offset)
-    _refuse_length(names, difference(run), e.profile.size)
-    elbow = c + 1j * offset * (u[:, [0, 2]] + u[:, [1, 3]]) / (1.0 + np.cos(turn[:, [0, 2]]))
-    cells = Cells(
-        direction=u,
-        crease=np.concatenate([c, closing], axis=1),
-        elbow=elbow,
-        rim=opening.rim.reshape(-1, 2),
-        offset=offset,
-        run=run,
-        angle=angle,
-    )
-    _refuse_void(names, cells, turn, wall_m)
+    cells = faces.cells(opening.rim.reshape(-1, 2), offset)
+    _refuse_length(names, unfolded_difference(cells.run), e.profile.size)
+    _refuse_void(names, cells, wall_m)
     _refuse_dead_centre(names, cells)
     return cells
 
 
-def _face_directions(e: Embedding, corner: Corners, opening: OpeningCreases) -> Points:
-    """(n_cells, 4) unit directions of the inner faces, counter-clockwise."""
-    before = np.where(corner.curved_before, opening.z, corner.w) - corner.q_before
-    after = corner.q_after - np.where(corner.curved_after, opening.z, corner.w)
-    faces = np.stack([before, after], axis=1).reshape(-1, 4)
-    length = np.abs(faces)
+def _refuse_no_length(e: Embedding, corner: Corners, crease: Points) -> None:
+    before = np.where(corner.curved_before, crease, corner.w) - corner.q_before
+    after = corner.q_after - np.where(corner.curved_after, crease, corner.w)
+    length = np.abs(np.stack([before, after], axis=1)).reshape(-1, 4)
     short = np.argwhere(length <= TOLERANCE.vertex_gap * e.profile.size)
     if len(short):
         cell, k = short[0]
@@ -153,7 +200,6 @@ def _face_directions(e: Embedding, corner: Corners, opening: OpeningCreases) -> 
             limit="a positive length",
             remedy="move its vertices apart",
         )
-    return faces / length
 
 
 def _refuse_angles(names: tuple[str, ...], angle: Reals) -> None:
@@ -180,10 +226,8 @@ def _refuse_length(names: tuple[str, ...], difference: Reals, size: float) -> No
         )
 
 
-def _refuse_void(names: tuple[str, ...], cells: Cells, turn: Reals, wall_m: float) -> None:
-    # Along each face the elbow stands t tan(turn / 2) short of the crease's foot.
-    short = cells.offset * np.tan(0.5 * turn[:, [0, 2]])
-    face = cells.run - short[:, [0, 0, 1, 1]]
+def _refuse_void(names: tuple[str, ...], cells: Cells, wall_m: float) -> None:
+    face = cells.face
     bad = np.argwhere(~(face > 0.0))
     if len(bad):
         cell, k = bad[0]

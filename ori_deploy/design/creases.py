@@ -151,31 +151,14 @@ def rim_thicknesses(profile: Profile, corner: Corners, s: Reals) -> tuple[Reals,
 def opening_creases(e: Embedding, corner: Corners) -> OpeningCreases:
     """Solve (1) and (2) at every corner: rim thickness before = rim thickness after.
 
-    The difference is at most 0 at the lower end of the bracket and at least 0 at the upper one. Of
-    several roots the one nearest the opening vertex is taken.
-
     Raises
     ------
     CellError
         No root: the corner at the opening vertex is not convex.
     """
-    profile, size = e.profile, e.profile.size
-    small = TOLERANCE.root * size
-    lo = np.where(corner.curved_before, corner.s_before, corner.s_w)
-    hi = np.where(corner.curved_after, corner.s_after, corner.s_w)
-    before, after, d_before, d_after = rim_thicknesses(profile, corner, corner.s_w)
-    at_w, slope = before - after, d_before - d_after
-    at_w[np.abs(at_w) <= small] = 0.0
-    forward = at_w < 0.0
-    lo, hi = np.where(forward, corner.s_w, lo), np.where(forward, hi, corner.s_w)
-    settled = at_w == 0.0
-    lo[settled] = hi[settled] = corner.s_w[settled]
-    if not profile.is_convex:
-        lo, hi = _first_bracket(profile, corner, lo, hi, forward)
-    start = corner.s_w - at_w / np.where(slope > 0.0, slope, 1.0)
-    start = np.where((start >= lo) & (start <= hi) & (slope > 0.0), start, 0.5 * (lo + hi))
-    s, before, after = _newton(profile, corner, lo, hi, start)
-    lost = np.flatnonzero(~(np.abs(before - after) <= 100.0 * small))
+    profile = e.profile
+    s, before, after = crease_roots(profile, corner)
+    lost = np.flatnonzero(~(np.abs(before - after) <= 100.0 * TOLERANCE.root * profile.size))
     if len(lost):
         k = int(lost[0])
         _refuse(
@@ -191,6 +174,41 @@ def opening_creases(e: Embedding, corner: Corners) -> OpeningCreases:
         return OpeningCreases(s, z, rim, np.zeros_like(rim))
     _check_overhang(e, corner, s, rim)
     return OpeningCreases(s, z, rim, _dips(profile, corner, s, z))
+
+
+def crease_roots(profile: Profile, corner: Corners, guess: Reals | None = None) -> tuple[Reals, Reals, Reals]:
+    """Where the outline gives both panels of each corner the same rim thickness.
+
+    The difference is at most 0 at the lower end of the bracket and at least 0 at the upper one. Of
+    several roots the one nearest the opening vertex is taken, or the one a guess leads to.
+
+    Parameters
+    ----------
+    profile, corner
+        The embedding's.
+    guess
+        (2 n_cells,) parameters near the roots, where they are known.
+
+    Returns
+    -------
+    s and the rim thicknesses before and after at it; (2 n_cells,) each. They differ where there is no root.
+    """
+    lo = np.where(corner.curved_before, corner.s_before, corner.s_w)
+    hi = np.where(corner.curved_after, corner.s_after, corner.s_w)
+    if guess is not None:
+        return _newton(profile, corner, lo, hi, np.clip(guess, lo, hi))
+    before, after, d_before, d_after = rim_thicknesses(profile, corner, corner.s_w)
+    at_w, slope = before - after, d_before - d_after
+    at_w[np.abs(at_w) <= TOLERANCE.root * profile.size] = 0.0
+    forward = at_w < 0.0
+    lo, hi = np.where(forward, corner.s_w, lo), np.where(forward, hi, corner.s_w)
+    settled = at_w == 0.0
+    lo[settled] = hi[settled] = corner.s_w[settled]
+    if not profile.is_convex:
+        lo, hi = _first_bracket(profile, corner, lo, hi, forward)
+    start = corner.s_w - at_w / np.where(slope > 0.0, slope, 1.0)
+    start = np.where((start >= lo) & (start <= hi) & (slope > 0.0), start, 0.5 * (lo + hi))
+    return _newton(profile, corner, lo, hi, start)
 
 
 def _newton(profile: Profile, corner: Corners, lo: Reals, hi: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:

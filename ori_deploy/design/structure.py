@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,23 @@ from ori_deploy.layout import Layout
 from ori_deploy.profiles import Profile
 from ori_deploy.profiles.profile import Points, Reals
 from ori_deploy.tolerance import TOLERANCE
+
+
+def areas_of_panels(c: Points, m: Points, v: Points, q: Points, far: Points, swept: Reals) -> Reals:
+    """Areas of panels, even ones counter-clockwise over these corners, odd ones clockwise.
+
+    Parameters
+    ----------
+    c, m, v, q, far
+        (n_panels,) opening crease, elbow, closing crease, closing vertex and far end of the piece of
+        outline (the closing vertex again where the panel is curved).
+    swept
+        (n_panels,) area swept along the outline from `far` to `c`.
+    """
+    sign = np.where(np.arange(len(q)) % 2 == 0, 1.0, -1.0)
+    corners = (c, m, v, q, far)
+    straight = sum((np.conj(a) * b).imag for a, b in pairwise(corners))
+    return sign * (0.5 * straight + swept)
 
 
 @dataclass(frozen=True)
@@ -68,16 +86,12 @@ class Structure:
         """(n_panels,) exact areas, square metres: straight sides by corners, outline pieces by quadrature."""
         q, inner = self._panel_corners
         m, v = inner.T
-        piece = self.outline_pieces
-        ends = self.profile.point(piece)
-        first, last = ends.T
         is_before = np.arange(len(q)) % 2 == 0
-        # Before: q, outline, m, v. After: outline, q, v, m. Both counter-clockwise; where the panel is
-        # curved, q is one end of the outline piece and its side vanishes.
-        loop = np.where(is_before[None], np.stack([last, m, v, q, first]), np.stack([last, q, v, m, first]))
-        straight = 0.5 * (np.conj(loop[:-1]) * loop[1:]).imag.sum(axis=0)
-        swept = self.profile.swept_area(piece)
-        return np.asarray(straight + swept[:, 1] - swept[:, 0])
+        # The piece of outline runs between the opening crease and what is called far here.
+        piece = np.where(is_before[:, None], self.outline_pieces, self.outline_pieces[:, ::-1])
+        far, c = self.profile.point(piece).T
+        swept_far, swept_c = self.profile.swept_area(piece).T
+        return areas_of_panels(c, m, v, q, far, swept_c - swept_far)
 
     @cached_property
     def cell_areas(self) -> Reals:

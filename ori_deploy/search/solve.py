@@ -1,0 +1,185 @@
+"""From a wish to the best structure: many starts, each followed to its local optimum and built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ori_deploy.design import Embedding, Structure, build, embed
+from ori_deploy.errors import CellError, LayoutError
+from ori_deploy.layout import Layout
+from ori_deploy.profiles import Profile
+from ori_deploy.profiles.profile import Reals
+from ori_deploy.search.problem import Problem
+from ori_deploy.search.sqp import minimise
+from ori_deploy.search.starts import start_embedding
+from ori_deploy.search.wish import Wish
+
+_ON_BOUND = 1e-6
+"""Distance from a bound, radians or over the size, at which it counts as active."""
+
+_PIN_STEPS = 40
+_PINNED = 1e-12
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A local optimum, built.
+
+    Attributes
+    ----------
+    structure
+        What was found.
+    start
+        Number of the start that led to it.
+    active
+        Bounds that hold it back, for people.
+    iterations
+        Models the local search solved.
+    settled
+        Whether the local search came to rest.
+    """
+
+    structure: Structure
+    start: int
+    active: tuple[str, ...]
+    iterations: int
+    settled: bool
+
+    @property
+    def eta(self) -> float:
+        return self.structure.eta
+
+
+def solve(
+    profile: Profile,
+    layout: Layout,
+    wall_m: float,
+    wish: Wish | None = None,
+    *,
+    start: int | Embedding = 0,
+    seed: int = 0,
+    tolerance: float = 1e-9,
+    most_iterations: int = 120,
+) -> Solution:
+    """The local optimum that one start leads to.
+
+    Parameters
+    ----------
+    profile, layout, wall_m
+        What on what, and the least wall offset, metres.
+    wish
+        What to look for; the largest eta where left out.
+    start
+        Number of a start (`starts.start_embedding`), or an embedding to begin with.
+    seed
+        Of what is drawn for numbered starts.
+    tolerance, most_iterations
+        Of the local search.
+
+    Raises
+    ------
+    LayoutError
+        Pins that contradict each other.
+    CellError
+        No structure near this start: says which condition fails.
+    """
+    wish = wish or Wish()
+    wish.check(layout, profile)
+    begin = start if isinstance(start, Embedding) else start_embedding(profile, layout, start, seed)
+    number = -1 if isinstance(start, Embedding) else start
+    # Small matrices: threads of the linear algebra library only get into each other's way.
+    with threadpool_limits(1, user_api="blas"):
+        problem = Problem(on_pins(begin, wish), wall_m, wish)
+        found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
+        if found is None or not found.feasible:
+            raise CellError(
+                f"start {number}: no structure meets every condition",
+                value=_worst(problem, found.x) if found is not None else "an opening crease has no place",
+                limit=f"dead-centre margin {np.degrees(wish.margin_rad):.3g} deg, wall {wall_m:.4g} m",
+                remedy="other starts, a thinner wall, a smaller margin or fewer cells",
+            )
+        place = on_pins(problem.embedding(found.x), wish, of=problem)
+    try:
+        structure = finished(place, wall_m)
+    except LayoutError as wrong:  # vertices have wandered out of the profile or past each other
+        raise CellError(
+            f"start {number}: {wrong.thing}", value=wrong.value, limit=wrong.limit, remedy=wrong.remedy
+        ) from wrong
+    return Solution(structure, number, active_bounds(problem, found.x, structure), found.iterations, found.settled)
+
+
+def finished(place: Embedding, wall_m: float) -> Structure:
+    """The structure at an embedding, with all the checks that a specification's goes through."""
+    layout = place.layout
+    outline = {v.id: float(place.s[i]) for i, v in enumerate(layout.vertices) if not v.inner}
+    inner = {v.id: (float(place.z[i].real), float(place.z[i].imag)) for i, v in enumerate(layout.vertices) if v.inner}
+    return build(embed(place.profile, layout, outline, inner), wall_m)
+
+
+def on_pins(place: Embedding, wish: Wish, of: Problem | None = None) -> Embedding:
+    """The nearest embedding on which all pins hold to `_PINNED`.
+
+    Raises
+    ------
+    LayoutError
+        Pins that contradict each other: names those that cannot hold.
+    """
+    if not wish.pins:
+        return place
+    problem = of or Problem(place, 0.0, wish)
+    unknowns = problem.unknowns
+    x = unknowns.pack(place.s, place.z)
+    for _ in range(_PIN_STEPS):
+        pins = problem.equations(x)
+        value = np.array([p.value for p in pins])
+        if not len(value) or np.abs(value).max() <= _PINNED:
+            return problem.embedding(x)
+        slope = np.array([p.slope for p in pins])[:, problem.free]
+        move = np.linalg.lstsq(slope, -value, rcond=1e-10)[0]
+        x[problem.free] += move * min(1.0, 0.2 / max(float(np.abs(move).max()), 1e-300))
+    worst = int(np.argmax(np.abs(value)))
+    rivals = sorted({p.name for p in pins if p.name != pins[worst].name and (p.slope * pins[worst].slope).any()})
+    raise LayoutError(
+        f"pin {pins[worst].name}: cannot hold",
+        value=f"{abs(value[worst]) * place.profile.size:.3g} m off",
+        limit="all pins hold at once" + (f", here with {', '.join(rivals)}" if rivals else ""),
+        remedy="drop one of them, or place them where both can hold",
+    )
+
+
+def _worst(problem: Problem, x: Reals) -> str:
+    values = problem.values(x)
+    if values is None:
+        return "an opening crease has no place"
+    k = int(np.argmin(values.inequality))
+    row = problem.rows[k]
+    return f"{row.kind} of cell {problem.start.layout.cell_ids[row.cell]} short by {-values.inequality[k]:.3g}"
+
+
+def active_bounds(problem: Problem, x: Reals, structure: Structure) -> tuple[str, ...]:
+    """Bounds that the structure sits on."""
+    values, names = problem.values(x), structure.layout.cell_ids
+    found: list[str] = []
+    if values is not None:
+        for row, value in zip(problem.rows, values.inequality, strict=True):
+            if row.kind != "raise" and value < _ON_BOUND:
+                found.append(f"{row.kind} of {names[row.cell]} at {_WHERE[row.kind][row.corner]}")
+        a, b = problem.order
+        loop = [structure.layout.vertices[i].id for i in structure.layout.outline]
+        for k in np.flatnonzero(a @ x + b < _ON_BOUND):
+            found.append(f"distance of {loop[k]} and {loop[(k + 1) % len(loop)]}")
+    if structure.wall_m > 0.0:
+        found.append(f"wall {structure.wall_m:.4g} m")
+    return tuple(found)
+
+
+_WHERE: dict[str, tuple[str, ...]] = {
+    "margin": ("a", "b"),
+    "closing angle": ("a", "b"),
+    "opening angle": ("c", "d"),
+    "face": ("a-c", "c-b", "b-d", "d-a"),
+    "panel": ("a-c", "c-b", "b-d", "d-a"),
+}
