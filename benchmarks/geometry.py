@@ -16,7 +16,7 @@ import numpy as np
 
 from ori_deploy.design import build, embed
 from ori_deploy.files import build_from_file
-from ori_deploy.motion import FourBars, Interference, Mechanism, step_tolerance
+from ori_deploy.motion import FourBars, Interference, Mechanism, mechanism_of, step_tolerance
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SEED = 7
@@ -81,6 +81,30 @@ def main() -> None:
         100.0,
     )
     report("safe step tolerance, 6-cell wing", median_s(lambda: step_tolerance(check), 3), "s", None)
+    cones()
+
+
+def cones() -> None:
+    """The same on the sphere."""
+    _, cone = build_from_file(EXAMPLES / "cone_elliptic_6.toml")
+    check = Interference(mechanism_of(cone))
+    folds = np.random.default_rng(SEED).random((POSES, CELLS))
+    angles = median_s(lambda: check.mechanism.four_bars.angles(folds))
+    report("four crease angles, per spherical cell and pose (6 cells)", 1e9 * angles / folds.size, "ns", None)
+    in_step = np.linspace(0.0, 1.0, 200)
+    report(
+        "interference, 6-cell cone, 200 poses",
+        1e3 * median_s(lambda: check.first_collision(in_step, between=False)),
+        "ms",
+        None,
+    )
+    report(
+        "  the same with every interval between poses certified",
+        1e3 * median_s(lambda: check.first_collision(in_step)),
+        "ms",
+        None,
+    )
+    report("safe step tolerance, 6-cell cone", median_s(lambda: step_tolerance(check), 1), "s", None)
 
 
 if __name__ == "__main__":

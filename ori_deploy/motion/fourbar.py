@@ -19,17 +19,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ori_deploy.design import Cells
 from ori_deploy.errors import MotionError
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.tolerance import TOLERANCE
 
 _BLOCK = 4096
 """Poses worked on at a time: a block's intermediates stay in the processor's cache."""
+
+
+class BuiltCells(Protocol):
+    """What a four-bar has to know of built cells, (n_cells, 4) each; see `FourBars`."""
+
+    @property
+    def link(self) -> Reals: ...
+    @property
+    def lean(self) -> Reals: ...
+    @property
+    def angle(self) -> Reals: ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,7 @@ class FourBars:
     deployed: Reals
 
     @classmethod
-    def of(cls, cells: Cells) -> FourBars:
+    def of(cls, cells: BuiltCells) -> Self:
         """The four-bars of built cells."""
         return cls(cells.link, cells.lean, cells.angle)
 
@@ -61,19 +72,24 @@ class FourBars:
         return len(self.link)
 
     @cached_property
+    def _skews(self) -> tuple[Reals, Reals]:
+        """l4 - l1 and l3 - l2, (n_cells,) each: (3) makes them equal and opposite without walls.
+
+        Rounding must not choose a branch at the flat state.
+        """
+        l1, l2, l3, l4 = self.link.T
+        tiny = TOLERANCE.flat_link * self.link.sum(axis=1)
+        skew_a = np.where(np.abs(l4 - l1) <= tiny, 0.0, l4 - l1)
+        skew_b = np.where(np.abs(l3 - l2) <= tiny, 0.0, l3 - l2)
+        return skew_a, np.where((self.lean == 0.0).all(axis=1), -skew_a, skew_b)
+
+    @cached_property
     def _constants(self) -> tuple[Reals, ...]:
         """Per cell, (n_cells, 1) each, for `angles`."""
         l1, l2, l3, l4 = self.link.T
-        perimeter = self.link.sum(axis=1)
         flat_a = self.lean[:, 0] + self.lean[:, 3]
         flat_b = self.lean[:, 1] + self.lean[:, 2]
-        # (3) makes these equal and opposite without walls. Rounding must not choose a branch at the flat state.
-        skew_a, skew_b = l4 - l1, l3 - l2
-        tiny = TOLERANCE.flat_link * perimeter
-        skew_a = np.where(np.abs(skew_a) <= tiny, 0.0, skew_a)
-        skew_b = np.where(np.abs(skew_b) <= tiny, 0.0, skew_b)
-        both = (self.lean == 0.0).all(axis=1)
-        skew_b = np.where(both, -skew_a, skew_b)
+        skew_a, skew_b = self._skews
         columns = (
             0.5 * self.deployed[:, 2],
             0.5 * flat_a,

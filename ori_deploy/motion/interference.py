@@ -13,18 +13,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from ori_deploy.errors import MotionError
-from ori_deploy.motion.poses import Mechanism, Poses
-from ori_deploy.profiles import xy
-from ori_deploy.profiles.profile import Points, Reals
+from ori_deploy.motion.contact import Contact, Indices, Shapes
+from ori_deploy.motion.mechanism import Linkage
+from ori_deploy.motion.poses import Placement
+from ori_deploy.profiles.profile import Reals
 from ori_deploy.tolerance import TOLERANCE, Tolerance
-
-Indices = NDArray[np.intp]
 
 _THINNING = 20
 """Halvings of the allowed penetration: a millionth of it is far above rounding, far below any sheet."""
@@ -83,7 +83,7 @@ class Interference:
         `penetration`, `sagitta` and `motion_step` count here.
     """
 
-    mechanism: Mechanism
+    mechanism: Linkage[Any]
     tolerance: Tolerance = TOLERANCE
 
     # --- what is fixed ------------------------------------------------------------------------------
@@ -91,25 +91,19 @@ class Interference:
     @property
     def allowed_m(self) -> float:
         """Allowed penetration, metres."""
-        return self.tolerance.penetration * self.mechanism.structure.profile.size
+        return self.tolerance.penetration * self.mechanism.size_m
 
     @cached_property
-    def outlines(self) -> tuple[Points, ...]:
-        """Panel polygons, deployed."""
-        size = self.mechanism.structure.profile.size
-        return self.mechanism.structure.panel_outlines(self.tolerance.sagitta * size)
+    def contact(self) -> Contact[Any]:
+        """The panels as shapes."""
+        return self.mechanism.contact(self.tolerance)
 
-    @cached_property
-    def _shapes(self) -> NDArray[np.object_]:
-        shapes = np.array([shapely.Polygon(xy(o)) if len(o) > 2 else shapely.Polygon() for o in self.outlines])
-        bad = ~shapely.is_valid(shapes)  # outlines that touch themselves where a hollow is as deep as the wall
-        shapes[bad] = shapely.make_valid(shapes[bad])
+    def _shrunk(self, depth_m: float, panels: Indices) -> Shapes:
+        """(n_panels,) the given panels without their rim of this depth; the others empty."""
+        shapes = np.full(len(self.contact.shapes), shapely.Polygon(), dtype=object)
+        shapes[panels] = self.contact.shrunk(np.full(len(panels), depth_m), panels)
+        shapely.prepare(shapes)
         return shapes
-
-    def _shrunk(self, depth_m: float) -> NDArray[np.object_]:
-        shrunk = shapely.buffer(self._shapes, -depth_m)
-        shapely.prepare(shrunk)
-        return np.asarray(shrunk)
 
     @cached_property
     def allowed_each_m(self) -> Reals:
@@ -118,21 +112,22 @@ class Interference:
         A panel shrunk by half its thickness is gone and would let anything through; so a panel is shrunk by
         less until most of it is left.
         """
-        allowed = np.full(len(self._shapes), self.allowed_m)
-        whole = shapely.area(self._shapes)
+        allowed = np.full(len(self.contact.shapes), self.allowed_m)
+        whole = shapely.area(self.contact.shapes)
+        thin = np.flatnonzero(whole > 0.0)
         for _ in range(_THINNING):
-            left = shapely.area(shapely.buffer(self._shapes, -allowed))
-            thin = (left < 0.5 * whole) & (whole > 0.0)
-            if not thin.any():
+            left = shapely.area(self.contact.shrunk(allowed[thin], thin))
+            thin = thin[left < 0.5 * whole[thin]]
+            if not len(thin):
                 break
             allowed[thin] *= 0.5
         return allowed
 
     @cached_property
-    def _core(self) -> NDArray[np.object_]:
-        core = shapely.buffer(self._shapes, -self.allowed_each_m)
+    def _core(self) -> Shapes:
+        core = self.contact.shrunk(self.allowed_each_m, np.arange(len(self.contact.shapes)))
         shapely.prepare(core)
-        return np.asarray(core)
+        return core
 
     def _allowed(self, pair: Indices) -> Reals:
         """The smaller of both panels' allowed penetrations."""
@@ -141,9 +136,9 @@ class Interference:
     @cached_property
     def pairs(self) -> Indices:
         """(2, n_pairs) panels of different bodies, both with material."""
-        bodies = self.mechanism.structure.layout.bodies
+        bodies = self.mechanism.layout.bodies
         i, j = np.triu_indices(len(bodies), 1)
-        thick = ~shapely.is_empty(self._shapes)
+        thick = ~shapely.is_empty(self.contact.shapes)
         keep = (bodies[i] != bodies[j]) & thick[i] & thick[j]
         return np.stack([i[keep], j[keep]])
 
@@ -152,63 +147,27 @@ class Interference:
         """(n_pairs,) whether the pair's bodies share a crease."""
         return np.asarray(self.mechanism.shared_crease[self.pairs[0], self.pairs[1]])
 
-    @cached_property
-    def _boxes(self) -> tuple[Points, Points, Reals]:
-        """Per panel: unit axis along its inner face, centre and half extents of its box along it."""
-        axis = self.mechanism.structure.cells.direction.ravel()
-        centre = np.empty(len(axis), dtype=complex)
-        half = np.empty((len(axis), 2))
-        for p, outline in enumerate(self.outlines):
-            local = outline * np.conj(axis[p])
-            lo = complex(local.real.min(), local.imag.min())
-            hi = complex(local.real.max(), local.imag.max())
-            centre[p] = 0.5 * (lo + hi) * axis[p]
-            half[p] = 0.5 * (hi - lo).real, 0.5 * (hi - lo).imag
-        return axis, centre, half
-
     # --- one pose at a time, many at once -----------------------------------------------------------
 
-    def _gaps(self, poses: Poses, pose: Indices, pair: Indices) -> Reals:
-        """Lower bound, from the panels' boxes, of the distance of `pair[k]` at `pose[k]`; negative: overlap."""
-        i, j = self.pairs[:, pair]
-        axis, centre, half = self._boxes
-        ui, uj = poses.turn[i, pose] * axis[i], poses.turn[j, pose] * axis[j]
-        between = poses.turn[j, pose] * centre[j] + poses.shift[j, pose]
-        between -= poses.turn[i, pose] * centre[i] + poses.shift[i, pose]
-        rel = np.conj(ui) * uj
-        c, s = np.abs(rel.real), np.abs(rel.imag)
-        hi, hj = half[i].T, half[j].T
-        d = between * np.conj(ui)
-        gap = np.maximum(
-            np.abs(d.real) - (hi[0] + c * hj[0] + s * hj[1]), np.abs(d.imag) - (hi[1] + s * hj[0] + c * hj[1])
-        )
-        d = between * np.conj(uj)
-        gap = np.maximum(gap, np.abs(d.real) - (hj[0] + c * hi[0] + s * hi[1]))
-        return np.asarray(np.maximum(gap, np.abs(d.imag) - (hj[1] + s * hi[0] + c * hi[1])))
+    def _gaps(self, poses: Placement, pose: Indices, pair: Indices) -> Reals:
+        """Lower bound of the distance of `pair[k]` at `pose[k]`; negative: overlap."""
+        return self.contact.gaps(poses, pose, *self.pairs[:, pair])
 
-    def _moved(self, poses: Poses, pose: Indices, moving: Indices, fixed: Indices) -> NDArray[np.object_]:
-        """Shapes of panels `moving` as seen from panels `fixed`."""
-        turn = np.conj(poses.turn[fixed, pose]) * poses.turn[moving, pose]
-        shift = np.conj(poses.turn[fixed, pose]) * (poses.shift[moving, pose] - poses.shift[fixed, pose])
-        count = np.array([len(o) for o in self.outlines])[moving]
-        which = np.repeat(np.arange(len(moving)), count)
-        points = np.concatenate([self.outlines[m] for m in moving]) if len(moving) else np.empty(0, complex)
-        return np.asarray(
-            shapely.polygons(shapely.linearrings(xy(turn[which] * points + shift[which]), indices=which))
-        )
+    def _distances(self, poses: Placement, pose: Indices, pair: Indices) -> Reals:
+        return self.contact.distances(poses, pose, *self.pairs[:, pair])
 
-    def _overlap(self, poses: Poses, pose: Indices, pair: Indices, core: NDArray[np.object_]) -> NDArray[np.bool_]:
+    def _overlap(self, poses: Placement, pose: Indices, pair: Indices, core: Shapes) -> NDArray[np.bool_]:
         """Whether a panel of `pair[k]` meets the core of the other at `pose[k]`."""
         i, j = self.pairs[:, pair]
         hit = np.zeros(len(pair), dtype=bool)
         for moving, fixed in ((i, j), (j, i)):
             todo = np.flatnonzero(~hit & ~shapely.is_empty(core[fixed]))
             if len(todo):
-                moved = self._moved(poses, pose[todo], moving[todo], fixed[todo])
+                moved = self.contact.moved(poses, pose[todo], moving[todo], fixed[todo])
                 hit[todo] = shapely.intersects(core[fixed[todo]], moved)
         return hit
 
-    def hits(self, poses: Poses, pose: Indices, pair: Indices) -> NDArray[np.bool_]:
+    def hits(self, poses: Placement, pose: Indices, pair: Indices) -> NDArray[np.bool_]:
         """Whether `pair[k]` penetrates deeper than allowed at `pose[k]`."""
         hit = np.zeros(len(pair), dtype=bool)
         # Boxes that overlap by no more than the allowed depth along one axis cannot hide a deeper point.
@@ -231,7 +190,8 @@ class Interference:
         deepest = self.allowed_m / 64.0
         touching = np.flatnonzero(gap < -deepest)
         while len(touching):
-            hit = self._overlap(poses, pose[touching], pair[touching], self._shrunk(deepest))
+            core = self._shrunk(deepest, np.unique(self.pairs[:, pair[touching]]))
+            hit = self._overlap(poses, pose[touching], pair[touching], core)
             if not hit.any():
                 break
             deepest *= 2.0
@@ -242,10 +202,6 @@ class Interference:
         rows = np.asarray(fold, dtype=float)
         return np.repeat(rows[:, None], self.mechanism.n_cells, axis=1) if rows.ndim == 1 else rows
 
-    def _distances(self, poses: Poses, pose: Indices, pair: Indices) -> Reals:
-        i, j = self.pairs[:, pair]
-        return np.asarray(shapely.distance(self._shapes[j], self._moved(poses, pose, i, j)))
-
     def depth_m(self, fold: ArrayLike, pair: int) -> float:
         """Depth to which a point of one panel of a pair lies inside the other at one fold, metres.
 
@@ -253,10 +209,11 @@ class Interference:
         """
         poses = self.mechanism.poses(np.atleast_2d(np.asarray(fold, dtype=float)))
         at, which = np.zeros(1, dtype=np.intp), np.array([pair], dtype=np.intp)
-        lo, hi = 0.0, float(self._boxes[2][self.pairs[:, pair]].max())
+        panels = self.pairs[:, pair]
+        lo, hi = 0.0, float(self.contact.widest_m[panels].max())
         while hi - lo > 0.01 * max(lo, 1e-3 * self.allowed_m):
             middle = 0.5 * (lo + hi)
-            if self._overlap(poses, at, which, self._shrunk(middle))[0]:
+            if self._overlap(poses, at, which, self._shrunk(middle, panels))[0]:
                 lo = middle
             else:
                 hi = middle
@@ -294,34 +251,19 @@ class Interference:
     def _worst(self, fold: Reals, pairs: Indices) -> Collision:
         depths = [self.depth_m(fold, int(p)) for p in pairs]
         k = int(np.argmax(depths))
-        ids = self.mechanism.structure.layout.panel_ids
+        ids = self.mechanism.layout.panel_ids
         i, j = self.pairs[:, pairs[k]]
         return Collision((ids[i], ids[j]), tuple(float(x) for x in fold), depths[k])
 
-    def _travel(self, a: Poses, b: Poses, row: Indices, pair: Indices) -> Reals:
-        """Bound of how far a panel of the pair moves, seen from the other, between two poses."""
-        i, j = self.pairs[:, pair]
-        _, centre, half = self._boxes
-
-        def seen(p: Poses) -> tuple[Points, Points]:
-            turn = np.conj(p.turn[j, row]) * p.turn[i, row]
-            return turn, turn * centre[i] + np.conj(p.turn[j, row]) * (p.shift[i, row] - p.shift[j, row])
-
-        turn_a, place_a = seen(a)
-        turn_b, place_b = seen(b)
-        radius = np.hypot(half[i, 0], half[i, 1])
-        # The path between the poses is an arc; a tenth covers what it is longer than its chord.
-        return np.asarray(1.1 * (np.abs(place_b - place_a) + np.abs(turn_b - turn_a) * radius))
-
-    def _between(self, rows: Reals, poses: Poses) -> Collision | None:
+    def _between(self, rows: Reals, poses: Placement) -> Collision | None:
         """Certify every interval for every pair that shares no crease, halving where needed."""
         free = np.flatnonzero(~self.hinged)
         interval, pair = (a.ravel() for a in np.meshgrid(np.arange(len(rows) - 1), free, indexing="ij"))
         low, high = rows[:-1], rows[1:]
-        at_low = Poses(poses.turn[:, :-1], poses.shift[:, :-1])
-        at_high = Poses(poses.turn[:, 1:], poses.shift[:, 1:])
+        at_low, at_high = poses.part(slice(None, -1)), poses.part(slice(1, None))
         while len(pair):
-            need = self._travel(at_low, at_high, interval, pair) - 2.0 * self._allowed(pair)
+            travel = self.contact.travel(at_low, at_high, interval, *self.pairs[:, pair])
+            need = travel - 2.0 * self._allowed(pair)
             have = np.maximum(self._gaps(at_low, interval, pair), 0.0) + np.maximum(
                 self._gaps(at_high, interval, pair), 0.0
             )
@@ -346,15 +288,15 @@ class Interference:
             interval, pair = np.concatenate([back, back + n]), np.concatenate([pair, pair])
         return None
 
-    def _always_touching(self, poses: Poses) -> NDArray[np.bool_]:
+    def _always_touching(self, poses: Placement) -> NDArray[np.bool_]:
         """(n_pairs,) pairs that touch first, half-way and last: they turn about a point both have, at a flat skin."""
         touching = np.ones(self.pairs.shape[1], dtype=bool)
-        n = poses.turn.shape[1]
+        n = poses.n_poses
         for k in (0, n // 2, n - 1):
             pair = np.flatnonzero(touching)
             if len(pair):
                 distance = self._distances(poses, np.full(len(pair), k), pair)
-                touching[pair] = distance <= 1e-9 * self.mechanism.structure.profile.size
+                touching[pair] = distance <= 1e-9 * self.mechanism.size_m
         return touching
 
     def clearance(self, fold: ArrayLike) -> Clearance:
@@ -379,7 +321,7 @@ class Interference:
             distance = self._distances(poses, pose[batch], pair[batch])
             if distance.min() < best:
                 best, where = float(distance.min()), int(batch[np.argmin(distance)])
-        ids = self.mechanism.structure.layout.panel_ids
+        ids = self.mechanism.layout.panel_ids
         if not np.isfinite(best):
             return Clearance(float("inf"), ("", ""), float(at[0]))
         i, j = self.pairs[:, pair[where]]

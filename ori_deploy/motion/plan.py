@@ -13,10 +13,11 @@ from ori_deploy.motion.step_tolerance import StepTolerance
 CREASES: tuple[str, str, str, str] = ("open_c", "open_d", "close_a", "close_b")
 """Order of the four creases of a cell on every array axis of length 4."""
 
-StageName = Literal["unlock", "open", "latch", "unlatch", "close", "lock"]
+StageName = Literal["unlock", "span_unfold", "open", "latch", "unlatch", "close", "span_fold", "lock"]
 
 DEPLOY_STAGES: tuple[StageName, ...] = ("unlock", "open", "latch")
 STOW_STAGES: tuple[StageName, ...] = ("unlatch", "close", "lock")
+"""What the controller carries out. A span in segments is folded by hand, see `Plan.deploy_stages`."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,46 @@ class MotionCheck:
 
 
 @dataclass(frozen=True)
+class SpanStage:
+    """The checked unfolding of a span in segments, from folded zig-zag to straight; stowing runs it backwards.
+
+    Only the flat stack folds so: this comes before the cells open, and after they have closed.
+
+    Attributes
+    ----------
+    segments
+        How many; two or more.
+    hinge_ids
+        (segments - 1) names of the piano hinges, along the span.
+    time_s
+        (n,) times from 0, spaced at the plan's rate.
+    angles_rad
+        (n, segments - 1) hinge angles, from pi (folded) to 0, all in step.
+    free_orders
+        Orders in which the hinges can be folded, checked in space: "in_step", one by one "from_first" or
+        "from_last".
+    deepest_penetration_m, allowed_penetration_m
+        A depth that no two segments exceed in step, within a factor of 2, and what is allowed.
+    stowed_box_m
+        Sides of the box round the stowed structure: across (longer, shorter), along the span.
+    """
+
+    segments: int
+    hinge_ids: tuple[str, ...]
+    time_s: NDArray[np.float64]
+    angles_rad: NDArray[np.float64]
+    free_orders: tuple[str, ...]
+    deepest_penetration_m: float
+    allowed_penetration_m: float
+    stowed_box_m: tuple[float, float, float]
+
+    @property
+    def duration_s(self) -> float:
+        """Time from folded to straight."""
+        return float(self.time_s[-1])
+
+
+@dataclass(frozen=True)
 class Plan:
     """A checked motion from stowed (fold 0) to deployed (fold 1), all cells in step.
 
@@ -80,6 +121,8 @@ class Plan:
         that touch no inner vertex as "cell:c3".
     check
         Interference figures.
+    span
+        How the span unfolds, where it is in segments.
     """
 
     design_sha256: str
@@ -94,8 +137,19 @@ class Plan:
     step_tolerance: StepTolerance
     latch_points: tuple[str, ...]
     check: MotionCheck
+    span: SpanStage | None = None
 
     @property
     def duration_s(self) -> float:
         """Time from fold 0 to fold 1 at full rate."""
         return float(self.time_s[-1])
+
+    @property
+    def deploy_stages(self) -> tuple[StageName, ...]:
+        """All stages of deploying, those worked by hand included."""
+        return DEPLOY_STAGES if self.span is None else ("unlock", "span_unfold", "open", "latch")
+
+    @property
+    def stow_stages(self) -> tuple[StageName, ...]:
+        """All stages of stowing, those worked by hand included."""
+        return STOW_STAGES if self.span is None else ("unlatch", "close", "span_fold", "lock")

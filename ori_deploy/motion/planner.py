@@ -6,11 +6,11 @@ from itertools import islice
 
 import numpy as np
 
-from ori_deploy.design import Structure
 from ori_deploy.errors import MotionError
 from ori_deploy.motion.interference import Interference
+from ori_deploy.motion.mechanism import AnyStructure
+from ori_deploy.motion.mechanism_of import mechanism_of
 from ori_deploy.motion.plan import MotionCheck, Plan
-from ori_deploy.motion.poses import Mechanism
 from ori_deploy.motion.slits import TRIED, checked_folds, free_slits
 from ori_deploy.motion.step_tolerance import step_tolerance
 from ori_deploy.motion.timing import check_limits, time_path
@@ -40,7 +40,7 @@ def check_motion(interference: Interference) -> MotionCheck:
     folds = checked_folds(interference.mechanism, interference.tolerance)
     collision = interference.first_collision(folds)
     if collision is not None:
-        size_m = interference.mechanism.structure.profile.size
+        size_m = interference.mechanism.size_m
         raise collision.error(interference.allowed_m, size_m, _remedy(interference))
     clearance = interference.clearance(np.linspace(*_CLEARANCE_RANGE, _CLEARANCE_POSES))
     return MotionCheck(
@@ -55,11 +55,12 @@ def check_motion(interference: Interference) -> MotionCheck:
 
 
 def plan_motion(
-    structure: Structure,
+    structure: AnyStructure,
     velocity: Reals,
     acceleration: Reals,
     rate_hz: float,
     *,
+    r_max_m: float = 1.0,
     design_sha256: str = "",
     design_name: str = "",
     tolerance: Tolerance = TOLERANCE,
@@ -75,6 +76,8 @@ def plan_motion(
         `CREASES`; inf where there is none.
     rate_hz
         Sampling rate of the plan and of the control loop.
+    r_max_m
+        Outer radius of a truncated cone, at which the check's lengths are told; of no meaning to a cylinder.
     design_sha256, design_name
         Where the structure comes from.
 
@@ -94,7 +97,7 @@ def plan_motion(
         check_limits(limits, what, layout.cell_ids)
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise MotionError("rate_hz: not a positive number", value=rate_hz, limit="> 0", remedy="for example 100")
-    mechanism = Mechanism(structure)
+    mechanism = mechanism_of(structure, r_max_m)
     interference = Interference(mechanism, tolerance)
     check = check_motion(interference)
     steps = step_tolerance(interference)

@@ -5,28 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice, product
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ori_deploy.design import Structure
 from ori_deploy.errors import LayoutError
 from ori_deploy.layout import make_layout
 from ori_deploy.motion.interference import Interference
-from ori_deploy.motion.poses import Mechanism
+from ori_deploy.motion.mechanism import AnyStructure, Linkage
+from ori_deploy.motion.mechanism_of import mechanism_of
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.tolerance import TOLERANCE, Tolerance
+
+StructureT = TypeVar("StructureT", bound=AnyStructure)
 
 TRIED = 64
 """Choices of slits that are tried before giving up."""
 
 
-def checked_folds(mechanism: Mechanism, tolerance: Tolerance = TOLERANCE) -> Reals:
+def checked_folds(mechanism: Linkage[Any], tolerance: Tolerance = TOLERANCE) -> Reals:
     """Folds in step, 0 to 1, close enough that no panel moves more than `motion_step` between two of them."""
     coarse = np.linspace(0.0, 1.0, 201)
     poses = mechanism.poses(coarse)
-    size, middle = mechanism.structure.profile.size, mechanism.structure.embedding.z.mean()
-    step = np.abs(np.diff(poses.turn * middle + poses.shift, axis=1)) + np.abs(np.diff(poses.turn, axis=1)) * size
-    longest = step.max(axis=0) / (tolerance.motion_step * size)
+    longest = mechanism.steps_m(poses) / (tolerance.motion_step * mechanism.size_m)
     pieces = [
         np.linspace(a, b, int(np.ceil(n)) if n > 1.0 else 1, endpoint=False)
         for a, b, n in zip(coarse, coarse[1:], longest, strict=False)
@@ -34,7 +35,7 @@ def checked_folds(mechanism: Mechanism, tolerance: Tolerance = TOLERANCE) -> Rea
     return np.append(np.concatenate(pieces), 1.0)
 
 
-def with_slits(structure: Structure, slits: tuple[tuple[str, str], ...]) -> Structure:
+def with_slits(structure: StructureT, slits: tuple[tuple[str, str], ...]) -> StructureT:
     """The same cells, bonded but for other slits: (inner vertex, opening vertex) ids, one pair per inner vertex.
 
     Raises
@@ -46,12 +47,13 @@ def with_slits(structure: Structure, slits: tuple[tuple[str, str], ...]) -> Stru
     ids = [v.id for v in layout.vertices]
     cells = [(ids[a], ids[c], ids[b], ids[d]) for a, c, b, d in layout.cells]
     other = make_layout(layout.vertices, cells, slits)
-    return replace(structure, embedding=replace(structure.embedding, layout=other))
+    embedding: Any = replace(structure.embedding, layout=other)
+    return replace(structure, embedding=embedding)
 
 
-def deploys_free(structure: Structure, tolerance: Tolerance = TOLERANCE) -> bool:
+def deploys_free(structure: AnyStructure, tolerance: Tolerance = TOLERANCE) -> bool:
     """Whether the structure deploys with all cells in step without touching."""
-    mechanism = Mechanism(structure)
+    mechanism = mechanism_of(structure)
     check = Interference(mechanism, tolerance)
     return (
         not structure.layout.overfull_vertices and check.first_collision(checked_folds(mechanism, tolerance)) is None
@@ -59,7 +61,7 @@ def deploys_free(structure: Structure, tolerance: Tolerance = TOLERANCE) -> bool
 
 
 def free_slits(
-    structure: Structure, tolerance: Tolerance = TOLERANCE, limit: int = TRIED
+    structure: AnyStructure, tolerance: Tolerance = TOLERANCE, limit: int = TRIED
 ) -> Iterator[tuple[tuple[str, str], ...]]:
     """Choices of slits with which the same cells deploy in step without touching; at most `limit` are tried.
 
@@ -82,7 +84,7 @@ def free_slits(
             yield slits
 
 
-def with_free_slits(structure: Structure, tolerance: Tolerance = TOLERANCE) -> Structure:
+def with_free_slits(structure: StructureT, tolerance: Tolerance = TOLERANCE) -> StructureT:
     """The structure, with other slits where it touches and another choice does not."""
     if deploys_free(structure, tolerance):
         return structure

@@ -83,7 +83,7 @@ def out_of_step_patterns(interference: Interference, seed: int = 0) -> Reals:
     else:
         single = np.eye(n)
         sides = np.zeros((n, n))
-        for cell, _, bonded in reversed(interference.mechanism.structure.layout.folding_order):
+        for cell, _, bonded in reversed(interference.mechanism.layout.folding_order):
             sides[cell, cell] = 1.0
             if bonded >= 0:
                 sides[bonded // 4] = np.maximum(sides[bonded // 4], sides[cell])
