@@ -76,3 +76,7 @@ class FileError(InputError):
 
 class RigError(InputError):
     """A rig that does not fit the design, or contradicts itself."""
+
+
+class StripError(InputError):
+    """A strip that does not fit on the structure that is to carry it."""

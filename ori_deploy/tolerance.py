@@ -48,6 +48,12 @@ class Tolerance:
     flat_link
         Link lengths, over the cell's perimeter, that count as equal. At the flat state of a cell
         without wall thickness the sign of their difference decides the branch, and rounding must not.
+    hinge_flat
+        How far a face may leave a plane and still count as flat, over the profile's size, or in radians:
+        a hundredth of `penetration`, far above rounding.
+    hinge_length
+        Shortest flat strip that carries a piano hinge, over the folded stack's width: where a smooth bulge
+        touches a plane, a strip of a hundredth is flat by `hinge_flat`, and no screw holds in it.
     rebuild
         Difference, over the profile's size, between creases recorded in a design file and those
         built from its layout: larger means the file was edited or the construction has changed.
@@ -64,6 +70,8 @@ class Tolerance:
     penetration: float = 1e-4
     motion_step: float = 0.02
     flat_link: float = 1e-13
+    hinge_flat: float = 1e-6
+    hinge_length: float = 0.05
     rebuild: float = 1e-9
 
 

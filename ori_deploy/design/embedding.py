@@ -13,6 +13,7 @@ from ori_deploy.errors import LayoutError
 from ori_deploy.layout import Layout
 from ori_deploy.profiles import Profile
 from ori_deploy.profiles.profile import Points, Reals
+from ori_deploy.profiles.star import star_centre
 from ori_deploy.tolerance import TOLERANCE
 
 
@@ -178,9 +179,28 @@ def _cross(p: Points, q: Points, a: Points, b: Points) -> NDArray[np.bool_]:
 
 
 def _refuse_edge(e: Embedding, edge: NDArray[np.intp], what: str) -> None:
+    inner = np.flatnonzero(np.isnan(e.s))
+    if len(inner) == 1 and inner[0] in edge and "edge" not in what:
+        _refuse_hidden(e, edge, what)
     a, b = (e.layout.vertices[v].id for v in edge)
     raise LayoutError(
         f"edge {a}-{b}: {what}",
         limit="inner edges are straight, inside the profile, and meet only at vertices",
         remedy=f"move {a} or {b}",
+    )
+
+
+def _refuse_hidden(e: Embedding, edge: NDArray[np.intp], what: str) -> None:
+    """The only inner vertex does not see all of the outline: says from where all of it can be seen."""
+    a, b = (e.layout.vertices[v] for v in edge)
+    name, other = (a.id, b.id) if a.inner else (b.id, a.id)
+    z = e.z[edge[0] if a.inner else edge[1]]
+    centre = star_centre(e.profile)
+    raise LayoutError(
+        f"profile: not star-shaped from inner vertex {name}",
+        value=f"({z.real:.6g}, {z.imag:.6g}) m: edge {a.id}-{b.id} {what}",
+        limit="the only inner vertex sees all of the outline",
+        remedy=f"place {name} at ({centre.real:.4g}, {centre.imag:.4g}) m, or move {other}"
+        if centre is not None
+        else f"no place sees all of this outline: move {other}, or use a layout with more inner vertices",
     )

@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 from scipy.special import ellipe, gamma
 
 from ori_deploy.errors import ProfileError
-from ori_deploy.profiles import Naca4, PointOutline, Profile, Superellipse, from_description, parse_dat, xy
+from ori_deploy.profiles import (
+    Clover,
+    Heart,
+    Naca4,
+    Naca5,
+    PointOutline,
+    Profile,
+    Superellipse,
+    from_description,
+    parse_dat,
+    xy,
+)
 from tests.shapes import peanut, polygon
 
 FAMILIES: dict[str, Profile] = {
@@ -22,6 +33,11 @@ FAMILIES: dict[str, Profile] = {
     "naca 2412": Naca4("2412", 0.25),
     "naca 0012": Naca4("0012", 1.0),
     "naca 6409": Naca4("6409", 2.0),
+    "naca 23012": Naca5("23012", 0.5),
+    "naca 24115": Naca5("24115", 1.0),
+    "clover": Clover(0.1, 0.4),
+    "clover of seven": Clover(2.0, 0.15, 7),
+    "heart": Heart(0.2),
     "peanut": peanut(),
     "polygon": polygon(),
 }
