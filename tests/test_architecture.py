@@ -15,11 +15,14 @@ ALLOWED: dict[str, set[str]] = {
     "layout": set(),
     "design": {"profiles", "layout"},
     "motion": {"profiles", "layout", "design"},
-    "files": {"profiles", "layout", "design", "motion"},
+    "search": {"profiles", "layout", "design", "motion"},
+    "files": {"profiles", "layout", "design", "motion", "search"},
+    "figures": {"profiles", "layout", "design", "motion", "search", "files"},
     "actuators": set(),
     "deploy": {"motion", "actuators"},
     "telemetry": {"motion", "actuators", "deploy"},
-    "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files"},
+    "sweep": {"profiles", "layout", "design", "motion", "files", "search"},
+    "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures"},
 }
 """What each room may import, besides what all may. The command line knows them all."""
 NO_IO = ("profiles", "layout", "design", "motion")

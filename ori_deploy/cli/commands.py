@@ -5,16 +5,33 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import ori_deploy
+from ori_deploy.cli.figures import figures
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, Commands, console, print_table, warn
+from ori_deploy.cli.layouts import layouts_command
+from ori_deploy.cli.limit import limit
+from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.session import Command, carry_out
-from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
+from ori_deploy.cli.spanwise import design_rows, plan_rows, span_option, span_poses, tell_span
+from ori_deploy.cli.steps import (
+    DESIGN_ENDING,
+    PLAN_ENDING,
+    SPEC_ENDING,
+    make_design,
+    make_optimum,
+    make_plan,
+    write_report,
+)
+from ori_deploy.cli.strip import strip
+from ori_deploy.cli.sweep import sweep
 from ori_deploy.deploy.result import Outcome
 from ori_deploy.errors import InputError
 from ori_deploy.files import Design, load_design, pose_data
@@ -46,24 +63,61 @@ def main() -> None:
 @main.command(epilog=_example("ori-deploy design examples/wing_naca2412.toml -o wing.design.json"))
 @click.argument("spec", type=_IN)
 @click.option("-o", "--output", type=_OUT, help="Design file to write.  [default: NAME.design.json]")
-def design(spec: Path, output: Path | None) -> None:
-    """Build the structure that SPEC describes."""
-    _print_design(make_design(spec, output or _beside(spec, SPEC_ENDING, DESIGN_ENDING)))
+@click.option("--optimize", is_flag=True, help="Move the vertices to where the wish in [optimize] is met best.")
+@click.option("--starts", type=click.IntRange(1, 100_000), help="Local searches per layout.  [default: 8]")
+@click.option("--cells", type=click.IntRange(1, 200), help="Number of cells, instead of the layout in SPEC: a ring.")
+@click.option("--search-layouts", is_flag=True, help="Try every layout of --cells cells.")
+@click.option("--save-spec", type=_OUT, help="Write what was found as a specification, too.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of starts that are drawn at random.")
+@click.option("--workers", type=click.IntRange(1, 1024), help="Processes.  [default: one per processor]")
+def design(
+    spec: Path,
+    output: Path | None,
+    optimize: bool,
+    starts: int | None,
+    cells: int | None,
+    search_layouts: bool,
+    save_spec: Path | None,
+    seed: int,
+    workers: int | None,
+) -> None:
+    """Build the structure that SPEC describes, or the best near it.
+
+    Ctrl-C ends a search early and keeps the best found so far.
+    """
+    path = output or _beside(spec, SPEC_ENDING, DESIGN_ENDING)
+    if not optimize:
+        for name, value in (
+            ("--starts", starts),
+            ("--cells", cells),
+            ("--search-layouts", search_layouts or None),
+            ("--save-spec", save_spec),
+        ):
+            if value is not None:
+                raise InputError(f"{name}: goes with --optimize", remedy="add --optimize")
+        _print_design(make_design(spec, path))
+        return
+    request = Request(starts or 8, cells, search_layouts, seed, workers or default_workers())
+    made, rows = make_optimum(spec, path, request, save_spec)
+    _print_design(made, rows)
 
 
-def _print_design(made: tuple[Design, dict[str, Any], Path]) -> None:
+def _print_design(made: tuple[Design, dict[str, Any], Path], more: Sequence[tuple[str, str]] = ()) -> None:
     built, data, path = made
     s, packaging = built.structure, data["packaging"]
     margin = float(np.degrees(s.cells.dead_centre_margin.min()))
-    box = packaging["stack_box_m"]
+    box = " x ".join(f"{1e3 * side:.1f}" for side in packaging["stack_box_m"])
+    offset_mm = 1e3 * built.unit_m * s.cells.offset
     print_table(
         f"{built.name}: {s.layout.n_cells} cells, {s.layout.n_panels} panels",
         [
             ("packaging ratio eta", f"{packaging['eta']:.5g}"),
             ("volume reduction", f"{100.0 * (1.0 - 1.0 / packaging['eta']):.1f} %"),
-            ("folded stack", f"{1e3 * box[0]:.1f} x {1e3 * box[1]:.1f} mm, box ratio {packaging['box_ratio']:.4g}"),
+            ("folded stack", f"{box} mm, box ratio {packaging['box_ratio']:.4g}"),
             ("smallest dead-centre margin", f"{margin:.2f} deg"),
-            ("wall offsets", f"{1e3 * s.cells.offset.min():.3g} to {1e3 * s.cells.offset.max():.3g} mm"),
+            ("wall offsets", f"{offset_mm.min():.3g} to {offset_mm.max():.3g} mm"),
+            *design_rows(data),
+            *more,
             ("written", str(path)),
         ],
     )
@@ -73,22 +127,41 @@ def _print_design(made: tuple[Design, dict[str, Any], Path]) -> None:
 @click.argument("design_file", metavar="DESIGN", type=_IN)
 @click.option("--fold", type=float, required=True, help="Fold variable of all cells: 0 flat, 1 deployed.")
 @click.option("--fold-cell", "fold_cells", multiple=True, metavar="ID=FOLD", help="One cell's own; repeatable.")
-@click.option("--json", "as_json", is_flag=True, help="Transforms (3x3) and outlines, metres.")
-def poses(design_file: Path, fold: float, fold_cells: tuple[str, ...], as_json: bool) -> None:
+@click.option("--span-fold", type=float, help="Span in segments: 0 straight, 1 folded zig-zag; wants --fold 0.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Transforms (3x3; 4x4 of cones and with --span-fold) and outlines."
+)
+def poses(
+    design_file: Path, fold: float, fold_cells: tuple[str, ...], span_fold: float | None, as_json: bool
+) -> None:
     """Print where every panel of DESIGN is at a fold state."""
-    structure = load_design(design_file).structure
+    built = load_design(design_file)
+    structure = built.structure
     folds = np.full(structure.layout.n_cells, fold)
     for given in fold_cells:
         cell, value = _fold_of_cell(given, structure.layout.cell_ids)
         folds[cell] = value
+    if span_fold is not None:
+        span_poses(built, folds, span_fold, as_json=as_json)
+        return
     panels = pose_data(structure, folds)
     if as_json:
         click.echo(json.dumps(panels, allow_nan=False))
         return
     for panel in panels:
-        (cos, _, x), (sin, _, y), _ = panel["transform"]
-        angle = math.degrees(math.atan2(sin, cos))
-        click.echo(f"{panel['id']:<8} turned {angle:9.3f} deg, shifted ({1e3 * x:9.3f}, {1e3 * y:9.3f}) mm")
+        click.echo(f"{panel['id']:<8} {_motion(panel['transform'])}")
+
+
+def _motion(transform: list[list[float]]) -> str:
+    """A panel's rigid motion in words: in the plane (3x3), or about a cone's apex (4x4)."""
+    if len(transform) == 4:
+        turn = Rotation.from_matrix(np.array(transform)[:3, :3]).as_rotvec(degrees=True)
+        angle = float(np.linalg.norm(turn))
+        x, y, z = turn / angle if angle > 0.0 else (0.0, 0.0, 1.0)
+        return f"turned {angle:9.3f} deg about ({x:7.4f}, {y:7.4f}, {z:7.4f}) through the apex"
+    (cos, _, x), (sin, _, y), _ = transform
+    angle = math.degrees(math.atan2(sin, cos))
+    return f"turned {angle:9.3f} deg, shifted ({1e3 * x:9.3f}, {1e3 * y:9.3f}) mm"
 
 
 def _fold_of_cell(given: str, cell_ids: tuple[str, ...]) -> tuple[int, float]:
@@ -132,6 +205,7 @@ def _print_plan(made: Plan, path: Path) -> None:
             ("safe step tolerance", f"fold {steps.smallest:.3g} between cells, up to fold {steps.seating_fold:.3g}"),
             ("seating beyond", f"slits touch, up to {1e3 * steps.seating_depth_m:.2g} mm deep"),
             ("to latch", ", ".join(made.latch_points)),
+            *plan_rows(made),
             ("written", str(path)),
         ],
     )
@@ -147,8 +221,11 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
     @click.option("--rig", type=_IN, required=True, help="Rig file the plan was made with.")
     @click.option("--log", type=_OUT, help="Flight log to write (MCAP).")
     @click.option("--realtime", is_flag=True, help="Pace to the wall instead of the virtual clock.")
-    def command(plan_file: Path, rig: Path, log: Path | None, realtime: bool) -> None:
-        _, results, stopped = carry_out(plan_file, rig, (name,), log, realtime=realtime)
+    @span_option(name)
+    def command(plan_file: Path, rig: Path, log: Path | None, realtime: bool, span_unfolded: bool = False) -> None:
+        made, results, stopped = carry_out(
+            plan_file, rig, (name,), log, realtime=realtime, span_unfolded=span_unfolded
+        )
         if not results:
             click.echo("interrupted: before anything moved", err=True)
             sys.exit(EXIT_INTERRUPTED)
@@ -163,6 +240,7 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
         if not results[-1].succeeded:
             click.echo(f"error: not {ends}", err=True)
             sys.exit(EXIT_NOT_DONE)
+        tell_span(made, name)
 
 
 _motion_command(
@@ -200,3 +278,10 @@ def demo(spec: Path | None, rig: Path | None, output: Path, realtime: bool) -> N
     from ori_deploy.cli.demo import run_demo
 
     sys.exit(run_demo(spec, rig, output, realtime=realtime))
+
+
+main.add_command(limit)
+main.add_command(layouts_command)
+main.add_command(sweep)
+main.add_command(strip)
+main.add_command(figures)

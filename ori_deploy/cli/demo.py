@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import math
-import sysconfig
 from pathlib import Path
 
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, print_table, warn
 from ori_deploy.cli.session import carry_out
 from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
+from ori_deploy.design import Structure
 from ori_deploy.files import write_atomically
+from ori_deploy.files.shipped import shipped
+from ori_deploy.motion import Mechanism, SpanFolding
 from ori_deploy.telemetry.read import read_run
 from ori_deploy.telemetry.summary import summarise
-from ori_deploy.view import draw_plan, draw_section, draw_strip, draw_tracking, to_png, to_svg
-
-
-def _shipped(name: str) -> Path:
-    """A file of the examples: beside the package in a clone, under the prefix where installed."""
-    clone = Path(__file__).parents[2] / "examples" / name
-    return clone if clone.exists() else Path(sysconfig.get_path("data")) / "share" / "ori-deploy" / "examples" / name
+from ori_deploy.view import draw_plan, draw_section, draw_spanwise, draw_strip, draw_tracking, to_png, to_svg
 
 
 def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: bool) -> int:
     """Run the demo; returns the exit status."""
-    spec = spec or _shipped("wing_naca2412.toml")
-    rig = rig or _shipped("rig_mock.toml")
+    spec = spec or shipped("wing_naca2412.toml")
+    rig = rig or shipped("rig_mock.toml")
     name = spec.name.removesuffix(SPEC_ENDING)
     design_file, plan_file, log = (
         output / f"{name}{DESIGN_ENDING}",
@@ -34,7 +30,7 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
     log.unlink(missing_ok=True)
     built, data, _ = make_design(spec, design_file)
     made = make_plan(design_file, rig, plan_file)
-    _, results, stopped = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime)
+    _, results, stopped = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime, span_unfolded=True)
     if stopped and len(results) < 2:
         warn(f"interrupted, at rest: no figures were made; the flight so far is in {log}")
         return EXIT_INTERRUPTED
@@ -45,6 +41,8 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
         "plan": draw_plan(made),
         "tracking": draw_tracking(run, made),
     }
+    if built.span_segments > 1 and isinstance(built.structure, Structure):
+        figures["span"] = draw_spanwise(SpanFolding(Mechanism(built.structure), built.span_m, built.span_segments))
     for figure_name, figure in figures.items():
         write_atomically(output / f"{figure_name}.svg", to_svg(figure))
         write_atomically(output / f"{figure_name}.png", to_png(figure))

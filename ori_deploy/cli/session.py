@@ -20,6 +20,7 @@ from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
+from ori_deploy.deploy.span import require_unfolded
 from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError, RigError
 from ori_deploy.files import digest, load_plan
@@ -96,6 +97,7 @@ def carry_out(
     log_path: Path | None,
     *,
     realtime: bool,
+    span_unfolded: bool = False,
 ) -> tuple[Plan, tuple[MotionResult, ...], bool]:
     """Connect, arm, and carry commands out until one does not succeed or a signal comes.
 
@@ -109,6 +111,8 @@ def carry_out(
         Where the flight log goes; None for none.
     realtime
         Pace to the wall instead of the virtual clock.
+    span_unfolded
+        Whether somebody says that a span in segments is unfolded; without it, its cells are not opened.
 
     Returns
     -------
@@ -124,6 +128,8 @@ def carry_out(
     if log_path is not None:
         refuse_overwriting(log_path, plan_path, rig_path)
     plan = load_plan(plan_path)
+    if "deploy" in commands:
+        require_unfolded(plan, span_unfolded)  # before anything is armed
     rig = rig_for(rig_path, plan)
     clock: Clock = MonotonicClock() if realtime else VirtualClock(time.monotonic())
     bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed")
@@ -137,7 +143,10 @@ def carry_out(
                 if stop.requested:
                     break
                 live.begin(command)
-                getattr(controller, command)()
+                if command == "deploy":
+                    controller.deploy(span_unfolded=span_unfolded)
+                else:
+                    controller.stow()
                 results.append(run_command(controller, stop))
                 _write_result(log, results[-1])
                 live.end(results[-1])

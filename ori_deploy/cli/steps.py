@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,22 @@ import numpy as np
 from ori_deploy.actuators.resolve import resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import warn
-from ori_deploy.errors import FileError, MotionError
+from ori_deploy.cli.optimise import Request, optimise, tell
+from ori_deploy.design import ConeStructure, Structure
+from ori_deploy.errors import FileError, MotionError, StripError
 from ori_deploy.files import (
     Design,
+    Spec,
     build_from_file,
     digest,
     load_design,
     load_plan,
     save_design,
     save_plan,
+    save_spec,
     write_atomically,
 )
-from ori_deploy.motion import Mechanism, Plan, plan_motion
+from ori_deploy.motion import Mechanism, Plan, SpanFolding, mechanism_of, plan_motion, plan_span, span_limits
 from ori_deploy.telemetry.read import read_run
 
 _SPARE_DEG = 1.0
@@ -41,8 +46,47 @@ def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]
     """Specification in, design file out; warns about a structure that will not fold."""
     refuse_overwriting(output, spec)
     parsed, structure = build_from_file(spec)
-    made = Design(spec.name.removesuffix(SPEC_ENDING), parsed.structure.span_m, structure)
-    data = save_design(made, output)
+    return _saved(spec, parsed, structure, output)
+
+
+def make_optimum(
+    spec: Path, output: Path, request: Request, save_as: Path | None = None
+) -> tuple[tuple[Design, dict[str, Any], Path], list[tuple[str, str]]]:
+    """Specification in, design file of the best structure found out; and what is to be told about the search.
+
+    Parameters
+    ----------
+    save_as
+        Where to write the structure as a specification of its own, too.
+    """
+    refuse_overwriting(output, spec)
+    if save_as is not None:
+        refuse_overwriting(save_as, spec, output)
+    parsed, optimum = optimise(spec, request)
+    made, told = _saved(spec, parsed, optimum.structure, output), tell(optimum)
+    if save_as is not None:
+        save_spec(save_as, optimum.structure, spec, f"Found by ori-deploy design {spec.name} --optimize.")
+        told.append(("specification", str(save_as)))
+    return made, told
+
+
+def _saved(
+    spec: Path, parsed: Spec, structure: Structure | ConeStructure, output: Path
+) -> tuple[Design, dict[str, Any], Path]:
+    cut = parsed.structure
+    made = Design(
+        spec.name.removesuffix(SPEC_ENDING),
+        cut.span_m,
+        structure,
+        span_segments=cut.span_segments,
+        r_min_m=cut.r_min_m,
+        strip=parsed.strip,
+    )
+    try:
+        data = save_design(made, output)
+    except StripError as wrong:
+        wrong.source = wrong.source or str(spec)
+        raise
     margin = float(np.degrees(structure.cells.dead_centre_margin.min()))
     if margin < _SPARE_DEG:
         warn(f"the smallest dead-centre margin is {margin:.2g} deg: below {_SPARE_DEG:g} deg a motor has little hold")
@@ -60,7 +104,7 @@ def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
     built = load_design(design_file)
     layout = built.structure.layout
     rig = resolve_rig(load_rig(rig_file), layout.cell_ids, layout.latch_points)
-    mechanism = Mechanism(built.structure)
+    mechanism = mechanism_of(built.structure, built.unit_m)
     rig.check_range(mechanism.four_bars.angles(np.linspace(0.0, 1.0, 1001)))
     velocity, acceleration = rig.crease_limits()
     try:
@@ -69,9 +113,13 @@ def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
             velocity,
             acceleration,
             rig.rate_hz,
+            r_max_m=built.unit_m,
             design_sha256=built.sha256,
             design_name=built.name,
         )
+        if built.span_segments > 1 and isinstance(mechanism, Mechanism):
+            folding = SpanFolding(mechanism, built.span_m, built.span_segments)
+            made = replace(made, span=plan_span(folding, *span_limits(velocity, acceleration), rig.rate_hz))
     except MotionError as wrong:
         wrong.source = wrong.source or str(design_file)
         if output.exists():
@@ -99,6 +147,7 @@ def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Pat
         built.name if built is not None else str(run.info["design_name"]),
         structure=built.structure if built is not None else None,
         span_m=built.span_m if built is not None else None,
+        r_min_m=built.r_min_m if built is not None else 0.0,
         plan=made,
         run=run,
         design_sha256=built.sha256 if built is not None else "",

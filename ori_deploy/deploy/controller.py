@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -29,6 +28,7 @@ from ori_deploy.deploy.observers import Observer, Observers
 from ori_deploy.deploy.pacer import Pacer
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.result import OUTCOMES, CycleRecord, Fault, FaultKind, MotionResult, StartRefused
+from ori_deploy.deploy.span import require_unfolded
 from ori_deploy.deploy.states import IN_MOTION, Event, IllegalCommand, Machine, State
 from ori_deploy.deploy.step_room import StepRoom
 from ori_deploy.motion.plan import DEPLOY_STAGES, STOW_STAGES, Plan, StageName
@@ -75,7 +75,7 @@ class Controller:
         observers: Sequence[Observer] = (),
     ) -> None:
         check_fit(plan, rig, bus)
-        self._rig, self._clock = rig, clock
+        self._plan, self._rig, self._clock = plan, rig, clock
         self._settings = rig.controller
         self._attempts = self._settings.lost_replies_allowed + 1
         self._pacer = Pacer(clock, rig.rate_hz)
@@ -149,17 +149,20 @@ class Controller:
         self._motion.let_go()
         self._fire(Event.DISARM)
 
-    def deploy(self) -> None:
+    def deploy(self, *, span_unfolded: bool = False) -> None:
         """Begin to deploy from wherever on the path the structure stands; `step` or `run` carries it out.
+
+        A span in segments is unfolded by hand: `span_unfolded` is somebody's word for it, wanted every time.
 
         Raises
         ------
         StartRefused
-            Its place is not known or off the path, or an actuator is not fit to move; nothing moved, the
-            state is unchanged.
+            Its place is not known or off the path, an actuator is not fit to move, or the span may be
+            folded; nothing moved, the state is unchanged.
         IllegalCommand
             In this state.
         """
+        require_unfolded(self._plan, span_unfolded)
         self._begin(Event.DEPLOY, 1.0, DEPLOY_STAGES)
 
     def stow(self) -> None:
@@ -230,9 +233,7 @@ class Controller:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def run(self) -> MotionResult:

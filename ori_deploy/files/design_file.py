@@ -9,13 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from ori_deploy.design import Structure, build, embed
+from ori_deploy.design import Structure
 from ori_deploy.errors import FileError, InputError
+from ori_deploy.files.shape_entries import (
+    AnyStructure,
+    ConeEntries,
+    CylinderEntries,
+    ShapeEntries,
+    entries_of,
+    rebuilt,
+)
+from ori_deploy.files.span_entry import read_span, span_data
+from ori_deploy.files.strip_entry import HelixSpec, SpiralSpec, read_strip, strip_data
 from ori_deploy.files.text import digest, read_json, write_atomically
 from ori_deploy.layout import Vertex, make_layout
-from ori_deploy.motion import CREASES, Mechanism
-from ori_deploy.profiles import from_description, xy
-from ori_deploy.profiles.profile import Points
+from ori_deploy.motion import CREASES
+from ori_deploy.profiles.profile import Reals
 from ori_deploy.tolerance import TOLERANCE
 
 DESIGN_SCHEMA = "ori-deploy/design/1"
@@ -30,56 +39,63 @@ class Design:
     name
         Taken from the file's name.
     span_m
-        Length along the generalized cylinder's axis.
+        Length along the generalized cylinder's axis; of a cone along its rays.
     structure
         The structure.
     sha256
         Digest of the file; empty before it is written.
+    span_segments
+        How many segments the span is cut into; 1 for a span in one piece.
+    r_min_m
+        Radius from the apex at which a cone is cut off inside; 0 for a cylinder.
+    strip
+        The antenna strip it carries, if any.
     """
 
     name: str
     span_m: float
-    structure: Structure
+    structure: AnyStructure
     sha256: str = ""
+    span_segments: int = 1
+    r_min_m: float = 0.0
+    strip: HelixSpec | SpiralSpec | None = None
 
+    @property
+    def r_max_m(self) -> float:
+        """Radius from the apex at which a cone is cut off outside."""
+        return self.r_min_m + self.span_m
 
-def _pairs(points: Points) -> list[list[float]]:
-    return [[float(z.real), float(z.imag)] for z in np.atleast_1d(points)]
+    @property
+    def unit_m(self) -> float:
+        """Metres that lengths of the structure's own stand for: 1; on a cone, whose lengths are arcs, `r_max_m`."""
+        return 1.0 if isinstance(self.structure, Structure) else self.r_max_m
 
-
-def packaging(structure: Structure) -> dict[str, Any]:
-    """Areas in m2, eta, and the folded stack's smallest box in m."""
-    box = Mechanism(structure).stack_box_m
-    area = structure.profile.area
-    return {
-        "area": area,
-        "material_area": float(structure.panel_areas.sum()),
-        "eta": structure.eta,
-        "stack_box_m": list(box),
-        "box_ratio": area / (box[0] * box[1]),
-    }
+    @property
+    def entries(self) -> ShapeEntries:
+        """What its file says that depends on the kind of shape."""
+        return entries_of(self.structure, self.span_m, self.r_min_m)
 
 
 def design_data(design: Design) -> dict[str, Any]:
     """Everything a design file holds, as plain data."""
-    s = design.structure
+    s, shape = design.structure, design.entries
     layout, cells = s.layout, s.cells
+    creases, vertices, outlines = shape.creases().tolist(), shape.vertices(), shape.outlines()
     ids = [v.id for v in layout.vertices]
     panel_ids = layout.panel_ids
     return {
         "schema": DESIGN_SCHEMA,
-        "kind": "cylinder",
+        "kind": shape.kind,
         "name": design.name,
         "profile": s.profile.describe(),
-        "span_m": design.span_m,
-        "wall_m": s.wall_m,
+        **shape.lengths(),
         "layout": {
             "vertices": [
                 {
                     "id": v.id,
                     "role": v.role,
                     "inner": v.inner,
-                    "xy": _pairs(s.embedding.z[i])[0],
+                    shape.place: vertices[i],
                     **({} if v.inner else {"s": float(s.embedding.s[i])}),
                 }
                 for i, v in enumerate(layout.vertices)
@@ -93,7 +109,7 @@ def design_data(design: Design) -> dict[str, Any]:
         "cells": [
             {
                 "id": name,
-                "creases": dict(zip(CREASES, _pairs(cells.crease[i]), strict=True)),
+                "creases": dict(zip(CREASES, creases[i], strict=True)),
                 "rim_thickness": cells.rim[i].tolist(),
                 "inner_offset": cells.offset[i].tolist(),
                 "deployed_angles_rad": dict(zip(CREASES, cells.angle[i].tolist(), strict=True)),
@@ -107,13 +123,15 @@ def design_data(design: Design) -> dict[str, Any]:
             {
                 "id": panel_ids[p],
                 "cell": layout.cell_ids[p // 4],
-                "outline": _pairs(outline),
+                "outline": outline,
                 "area": float(s.panel_areas[p]),
                 "bonded_to": panel_ids[layout.bonded_to[p]] if layout.bonded_to[p] >= 0 else None,
             }
-            for p, outline in enumerate(s.panel_outlines())
+            for p, outline in enumerate(outlines)
         ],
-        "packaging": packaging(s),
+        "packaging": shape.packaging(),
+        **(span_data(s, design.span_m, design.span_segments) if isinstance(s, Structure) else {}),
+        **strip_data(design.strip, s, design.r_min_m, design.r_max_m),
     }
 
 
@@ -134,10 +152,17 @@ def load_design(path: Path) -> Design:
         `Tolerance.rebuild`: the file was edited, or made by another version.
     """
     data = read_json(path, DESIGN_SCHEMA)
+    kinds = (CylinderEntries.kind, ConeEntries.kind)
+    if data.get("kind") not in kinds:
+        raise FileError(
+            f"{path}: kind", value=data.get("kind"), limit=" | ".join(kinds), remedy="make the file again"
+        )
     try:
         structure = _rebuild(data)
-        recorded = np.array([[complex(*cell["creases"][c]) for c in CREASES] for cell in data["cells"]])
-        span = float(data["span_m"])
+        recorded = np.array([[cell["creases"][c] for c in CREASES] for cell in data["cells"]], dtype=float)
+        span, r_min = float(data["span_m"]), float(data.get("r_min_m", 0.0))
+        segments = read_span(data, structure, span) if isinstance(structure, Structure) else 1
+        strip = read_strip(data, structure, r_min, r_min + span)
         name = str(data["name"])
     except InputError as wrong:
         wrong.source = wrong.source or str(path)
@@ -148,57 +173,67 @@ def load_design(path: Path) -> Design:
             value=f"{type(wrong).__name__}: {wrong}",
             remedy="make it again with ori-deploy design",
         ) from wrong
-    if data.get("kind") != "cylinder":
-        raise FileError(
-            f"{path}: kind", value=repr(data.get("kind")), limit="'cylinder'", remedy="make the file again"
-        )
     ids = [[cell.get("id") for cell in cells] for cells in (data["layout"]["cells"], data["cells"])]
     panel_ids = [panel.get("id") for panel in data.get("panels", [])]
     if ids != 2 * [list(structure.layout.cell_ids)] or panel_ids != list(structure.layout.panel_ids):
         raise FileError(f"{path}: ids of cells or panels", limit="c1, c2, … in order", remedy="make the file again")
-    if not 0.0 < span <= 1e4:
-        raise FileError(f"{path}: span_m", value=span, limit="> 0", remedy="make it again with ori-deploy design")
-    _compare(path, structure, recorded, data)
-    return Design(name, span, structure, digest(path))
+    if not (0.0 < span <= 1e4 and 0.0 <= r_min <= 1e4):
+        raise FileError(
+            f"{path}: span_m or r_min_m",
+            value=f"{span:g}, {r_min:g}",
+            limit="span_m > 0, r_min_m >= 0",
+            remedy="make it again with ori-deploy design",
+        )
+    design = Design(name, span, structure, digest(path), segments, r_min, strip)
+    _compare(path, design.entries, structure.profile.size, recorded, data)
+    return design
 
 
-def _compare(path: Path, structure: Structure, recorded: Points, data: dict[str, Any]) -> None:
+def _compare(path: Path, shape: ShapeEntries, size: float, recorded: Reals, data: dict[str, Any]) -> None:
     """Refuse a file whose creases or figures are not those its layout gives."""
     remedy = "don't edit design files: change the specification and design again"
-    size = structure.profile.size
-    same_shape = recorded.shape == structure.cells.crease.shape
-    off = float(np.abs(recorded - structure.cells.crease).max()) if same_shape else np.inf
+    creases = shape.creases()
+    off = float(np.linalg.norm(recorded - creases, axis=-1).max()) if recorded.shape == creases.shape else np.inf
     if not off <= TOLERANCE.rebuild * size:
         raise FileError(
             f"{path}: recorded creases differ from those its layout gives",
-            value=f"{off:.3g} m",
-            limit=f"{TOLERANCE.rebuild * size:.3g} m",
+            value=f"{off:.3g} {'m' if shape.place == 'xy' else 'rad'}",
+            limit=f"{TOLERANCE.rebuild * size:.3g}",
             remedy=remedy,
         )
-    for key, built in packaging(structure).items():
-        if not np.allclose(data["packaging"].get(key, np.nan), built, rtol=1e-6):
-            raise FileError(f"{path}: packaging.{key}", value=data["packaging"].get(key), limit=built, remedy=remedy)
+    told = {key: (data.get(key, np.nan), value) for key, value in shape.lengths().items()}
+    told |= {
+        f"packaging.{key}": (data["packaging"].get(key, np.nan), value) for key, value in shape.packaging().items()
+    }
+    for key, (recorded_figure, built) in told.items():
+        if not _same(recorded_figure, built):
+            raise FileError(f"{path}: {key}", value=recorded_figure, limit=str(built), remedy=remedy)
 
 
-def _rebuild(data: dict[str, Any]) -> Structure:
+def _same(recorded: object, built: object) -> bool:
+    try:
+        figures, wanted = np.asarray(recorded, dtype=float), np.asarray(built, dtype=float)
+        # Absolute only against rounding: solid angles and apex coordinates may be tiny, or zero.
+        return figures.shape == wanted.shape and bool(np.allclose(figures, wanted, rtol=1e-6, atol=1e-12))
+    except (TypeError, ValueError):
+        return False  # no number, or of another length
+
+
+def _rebuild(data: dict[str, Any]) -> AnyStructure:
     described = data["layout"]
     vertices = [Vertex(v["id"], v["role"], bool(v["inner"])) for v in described["vertices"]]
     cells = [(c["closing"][0], c["opening"][0], c["closing"][1], c["opening"][1]) for c in described["cells"]]
-    layout = make_layout(vertices, cells, [tuple(s) for s in described["slits"]])
-    outline = {v["id"]: float(v["s"]) for v in described["vertices"] if not v["inner"]}
-    inner = {v["id"]: (float(v["xy"][0]), float(v["xy"][1])) for v in described["vertices"] if v["inner"]}
-    return build(embed(from_description(data["profile"]), layout, outline, inner), float(data["wall_m"]))
+    return rebuilt(data, make_layout(vertices, cells, [tuple(s) for s in described["slits"]]))
 
 
-def pose_data(structure: Structure, fold: np.ndarray[Any, np.dtype[np.float64]]) -> list[dict[str, Any]]:
-    """Per panel `{id, transform, outline}` at one fold vector (n_cells,), as plain data."""
-    poses = Mechanism(structure).poses(fold[None])
-    matrices = poses.matrices()[0]
+def pose_data(structure: AnyStructure, fold: Reals) -> list[dict[str, Any]]:
+    """Per panel `{id, transform, outline}` at one fold vector (n_cells,), as plain data.
+
+    A cylinder's transforms are 3x3 and its outlines (x, y), metres. A cone's are 4x4, in the user's coordinates, and
+    its outlines unit vectors from the apex.
+    """
+    matrices, outlines = entries_of(structure, 1.0).posed(fold)
     return [
-        {
-            "id": structure.layout.panel_ids[p],
-            "transform": matrices[p].tolist(),
-            "outline": xy(poses.turn[p, 0] * outline + poses.shift[p, 0]).tolist(),
-        }
-        for p, outline in enumerate(structure.panel_outlines())
+        {"id": name, "transform": matrix.tolist(), "outline": outline}
+        for name, matrix, outline in zip(structure.layout.panel_ids, matrices, outlines, strict=True)
     ]

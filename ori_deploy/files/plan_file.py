@@ -12,7 +12,7 @@ import numpy as np
 from ori_deploy.errors import FileError
 from ori_deploy.files.text import read_json, write_atomically
 from ori_deploy.motion import CREASES, MotionCheck, Plan, StepTolerance
-from ori_deploy.motion.plan import DEPLOY_STAGES, STOW_STAGES
+from ori_deploy.motion.plan import SpanStage
 
 PLAN_SCHEMA = "ori-deploy/plan/1"
 
@@ -26,7 +26,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "design_sha256": plan.design_sha256,
         "cell_ids": list(plan.cell_ids),
         "creases": list(CREASES),
-        "stages": {"deploy": list(DEPLOY_STAGES), "stow": list(STOW_STAGES)},
+        "stages": {"deploy": list(plan.deploy_stages), "stow": list(plan.stow_stages)},
         "rate_hz": plan.rate_hz,
         "duration_s": plan.duration_s,
         "latch_points": list(plan.latch_points),
@@ -38,11 +38,26 @@ def plan_data(plan: Plan) -> dict[str, Any]:
             "seating_depth_m": steps.seating_depth_m,
         },
         "check": asdict(plan.check),
+        **({} if plan.span is None else {"span": _span_data(plan.span)}),
         "time_s": plan.time_s.tolist(),
         "fold": plan.fold.tolist(),
         "crease_angles_rad": plan.crease_angles_rad.tolist(),
         "crease_rates_rad_s": plan.crease_rates_rad_s.tolist(),
         "transmission": plan.transmission.tolist(),
+    }
+
+
+def _span_data(span: SpanStage) -> dict[str, Any]:
+    return {
+        "segments": span.segments,
+        "hinge_ids": list(span.hinge_ids),
+        "duration_s": span.duration_s,
+        "free_orders": list(span.free_orders),
+        "deepest_penetration_m": span.deepest_penetration_m,
+        "allowed_penetration_m": span.allowed_penetration_m,
+        "stowed_box_m": list(span.stowed_box_m),
+        "time_s": span.time_s.tolist(),
+        "angles_rad": span.angles_rad.tolist(),
     }
 
 
@@ -101,7 +116,55 @@ def load_plan(path: Path) -> Plan:
     rising = n > 1 and plan.fold.shape == (n,) and plan.fold[0] == 0.0 and plan.fold[-1] == 1.0
     if not (rising and (np.diff(plan.fold) >= 0.0).all() and (np.diff(plan.time_s) > 0.0).all()):
         raise FileError(f"{path}: fold does not run from 0 to 1 over increasing times", remedy="make the plan again")
+    _check_span(path, plan.span)
+    if data.get("stages") != {"deploy": list(plan.deploy_stages), "stow": list(plan.stow_stages)}:
+        raise FileError(
+            f"{path}: stages",
+            value=data.get("stages"),
+            limit="those of a plan with a span entry, or of one without",
+            remedy="make the plan again",
+        )
     return plan
+
+
+def _check_span(path: Path, span: SpanStage | None) -> None:
+    """Refuse a span stage that is damaged: a plan that lost one would open cells of a folded span."""
+    if span is None:
+        return
+    angles, n = span.angles_rad, span.time_s.size
+    whole = (
+        span.segments >= 2
+        and n > 1
+        and span.time_s.shape == (n,)
+        and angles.shape == (n, span.segments - 1)
+        and len(span.hinge_ids) == span.segments - 1
+        and np.isfinite(span.time_s).all()
+        and np.isfinite(angles).all()
+        and (np.diff(span.time_s) > 0.0).all()
+        and (np.diff(angles, axis=0) <= 0.0).all()
+        and (angles[0] == np.pi).all()
+        and (angles[-1] == 0.0).all()
+    )
+    if not whole:
+        raise FileError(
+            f"{path}: span is damaged", limit="hinge angles from pi to 0 over time", remedy="make the plan again"
+        )
+
+
+def _span(data: dict[str, Any] | None) -> SpanStage | None:
+    if data is None:
+        return None
+    longer, shorter, along = (float(side) for side in data["stowed_box_m"])
+    return SpanStage(
+        segments=int(data["segments"]),
+        hinge_ids=tuple(str(name) for name in data["hinge_ids"]),
+        time_s=np.array(data["time_s"], dtype=float),
+        angles_rad=np.array(data["angles_rad"], dtype=float),
+        free_orders=tuple(str(order) for order in data["free_orders"]),
+        deepest_penetration_m=float(data["deepest_penetration_m"]),
+        allowed_penetration_m=float(data["allowed_penetration_m"]),
+        stowed_box_m=(longer, shorter, along),
+    )
 
 
 def _plan(data: dict[str, Any]) -> Plan:
@@ -126,4 +189,5 @@ def _plan(data: dict[str, Any]) -> Plan:
         ),
         latch_points=tuple(data["latch_points"]),
         check=MotionCheck(**check),
+        span=_span(data.get("span")),
     )

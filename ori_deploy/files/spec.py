@@ -3,96 +3,87 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from ori_deploy.design import Structure, build, embed
-from ori_deploy.errors import InputError, LayoutError, ProfileError
-from ori_deploy.files.text import read_text, read_toml, refuse_keys
+from ori_deploy.design import ConeStructure, Embedding, Structure, build, build_cone, embed, embed_cone
+from ori_deploy.errors import InputError, LayoutError
+from ori_deploy.files.profile_spec import Angle, ConeSpec, Finite, Length, ProfileSpec, Strict
+from ori_deploy.files.strip_entry import StripSpec
+from ori_deploy.files.sweep_spec import SweepSpec
+from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.wish_spec import OptimizeSpec
 from ori_deploy.layout import Layout, Vertex, make_layout, ring
 from ori_deploy.motion.slits import with_free_slits
-from ori_deploy.profiles import Naca4, PointOutline, Profile, Superellipse, parse_dat
+from ori_deploy.motion.spanwise import MOST_SEGMENTS
+from ori_deploy.profiles import Cone, FourierOutline, Profile, Superellipse
 
 SPEC_SCHEMA = "ori-deploy/spec/1"
-TURN = 6.2832
-
-Length = Annotated[float, Field(strict=True, ge=1e-6, le=1e4, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, gt=0.0, le=100.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(strict=True, ge=-1e4, le=1e4, allow_inf_nan=False)]
-Angle = Annotated[float, Field(strict=True, ge=-TURN, le=TURN, allow_inf_nan=False)]
-"""Radians, a turn either way: more is likelier to be degrees."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class EllipseSpec(_Strict):
-    """`[profile] kind = "ellipse"`."""
-
-    kind: Literal["ellipse"]
-    a_m: Length
-    b_m: Length
-
-    def make(self, folder: Path) -> Profile:
-        del folder
-        return Superellipse(self.a_m, self.b_m)
-
-
-class SuperellipseSpec(_Strict):
-    """`[profile] kind = "superellipse"`."""
-
-    kind: Literal["superellipse"]
-    a_m: Length
-    b_m: Length
-    exponent: Positive
-
-    def make(self, folder: Path) -> Profile:
-        del folder
-        return Superellipse(self.a_m, self.b_m, self.exponent)
-
-
-class NacaSpec(_Strict):
-    """`[profile] kind = "naca"`."""
-
-    kind: Literal["naca"]
-    code: str
-    chord_m: Length
-
-    def make(self, folder: Path) -> Profile:
-        del folder
-        return Naca4(self.code, self.chord_m)
-
-
-class PointsSpec(_Strict):
-    """`[profile] kind = "points"`; `file` is looked up beside the specification."""
-
-    kind: Literal["points"]
-    file: str
-    chord_m: Length = 1.0
-    smooth: bool = True
-
-    def make(self, folder: Path) -> Profile:
-        path = folder / self.file
-        try:
-            return PointOutline(parse_dat(read_text(path), str(path)), self.chord_m, smooth=self.smooth)
-        except ProfileError as wrong:
-            wrong.source = wrong.source or str(path)
-            raise
-
-
-ProfileSpec = Annotated[EllipseSpec | SuperellipseSpec | NacaSpec | PointsSpec, Field(discriminator="kind")]
-
-
-class StructureSpec(_Strict):
+class StructureSpec(Strict):
     """`[structure]`."""
 
     span_m: Length
+    span_segments: Annotated[int, Field(strict=True, ge=1, le=MOST_SEGMENTS)] = 1
     wall_m: Annotated[float, Field(strict=True, ge=0.0, le=1e4, allow_inf_nan=False)]
 
+    @property
+    def r_min_m(self) -> float:
+        """A cylinder has no apex to be cut off from."""
+        return 0.0
 
-class VertexSpec(_Strict):
+
+class ConeStructureSpec(Strict):
+    """`[structure]` of a cone: the spheres round the apex between which it is cut off, and its wall."""
+
+    span_m: Length = 1.0
+    r_min_m: Annotated[float, Field(strict=True, ge=0.0, le=1e4, allow_inf_nan=False)] = 0.0
+    r_max_m: Length = 1.0
+    wall_m: Annotated[float, Field(strict=True, ge=0.0, le=1e4, allow_inf_nan=False)] | None = None
+    wall_rad: Annotated[float, Field(strict=True, ge=0.0, le=1.5, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _complete(cls, data: Any) -> Any:
+        """Fill in what two of the three lengths, and the defaults, say about the others."""
+        keys = ("span_m", "r_min_m", "r_max_m")
+        if not isinstance(data, dict) or any(not isinstance(data.get(k, 0.0), int | float) for k in keys):
+            return data
+        given = {k: float(data[k]) for k in keys if k in data}
+        span, r_min = given.get("span_m"), given.get("r_min_m")
+        r_max = given.get("r_max_m", max(1.0, span or 0.0) if span is None or r_min is None else r_min + span)
+        if r_min is None:
+            r_min = 0.0 if span is None else r_max - span
+        lengths = {"span_m": r_max - r_min if span is None else span, "r_min_m": r_min, "r_max_m": r_max}
+        if r_min < 0.0 or r_max <= r_min:
+            shown = ", ".join(f"{k} = {v:g}" for k, v in lengths.items())
+            raise ValueError(f"0 <= r_min_m < r_max_m, and span_m the difference; these give {shown}")
+        return {**data, **lengths}
+
+    @model_validator(mode="after")
+    def _fits(self) -> ConeStructureSpec:
+        if not abs(self.r_max_m - self.r_min_m - self.span_m) <= 1e-9 * self.r_max_m:
+            raise ValueError(
+                f"span_m = {self.span_m:g} is not r_max_m - r_min_m = {self.r_max_m:g} - {self.r_min_m:g}: give two"
+            )
+        if (self.wall_m is None) == (self.wall_rad is None):
+            raise ValueError("a cone needs exactly one of wall_rad and wall_m (at r_max_m)")
+        return self
+
+    @property
+    def span_segments(self) -> int:
+        """A cone's span stays in one piece."""
+        return 1
+
+    @property
+    def wall_angle_rad(self) -> float:
+        """The least wall offset seen from the apex."""
+        return self.wall_rad if self.wall_m is None else self.wall_m / self.r_max_m  # type: ignore[return-value]
+
+
+class VertexSpec(Strict):
     """`[[vertex]]`: inner with `xy_m`, or on the outline with exactly one way to say where."""
 
     id: Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_+.]+$")]
@@ -124,11 +115,11 @@ class VertexSpec(_Strict):
         if self.arc is not None:
             return profile.at_arc(self.arc)
         if self.angle_rad is not None:
-            if not isinstance(profile, Superellipse):
+            if not isinstance(profile, Superellipse | FourierOutline):
                 raise LayoutError(
                     "angle_rad: not defined on this profile",
                     value=self.angle_rad,
-                    limit="ellipses and superellipses",
+                    limit="ellipses, superellipses, clovers, hearts",
                     remedy="use arc, or x_chord and side on airfoils",
                 )
             return profile.at_natural(self.angle_rad)
@@ -136,7 +127,7 @@ class VertexSpec(_Strict):
         return profile.at_chord(self.x_chord, self.side or "upper")
 
 
-class RingSpec(_Strict):
+class RingSpec(Strict):
     """`[layout] ring`: cells round one inner vertex P, evenly in the natural parameter."""
 
     cells: Annotated[int, Field(strict=True, le=200)]
@@ -144,7 +135,7 @@ class RingSpec(_Strict):
     phase_rad: Angle = 0.0
 
 
-class LayoutSpec(_Strict):
+class LayoutSpec(Strict):
     """`[layout]`: cells and slits by vertex ids, or a ring."""
 
     cells: tuple[tuple[str, ...], ...] | None = None
@@ -158,22 +149,39 @@ class LayoutSpec(_Strict):
         return self
 
 
-class Spec(_Strict):
+class Spec(Strict):
     """A whole specification. See `load_spec`."""
 
     schema_: Annotated[Literal["ori-deploy/spec/1"], Field(alias="schema")]
     profile: ProfileSpec
-    structure: StructureSpec
+    structure: StructureSpec | ConeStructureSpec
     vertex: tuple[VertexSpec, ...] = ()
-    layout: LayoutSpec
+    layout: LayoutSpec | None = None
+    optimize: OptimizeSpec | None = None
+    sweep: SweepSpec | None = None
+    strip: StripSpec | None = None
+
+    @field_validator("structure", mode="plain")
+    @classmethod
+    def _of_the_profiles_kind(cls, value: Any, info: ValidationInfo) -> StructureSpec | ConeStructureSpec:
+        profile = info.data.get("profile")
+        if profile is None:
+            return StructureSpec.model_construct()  # the profile is refused; its kind is not known
+        return (ConeStructureSpec if isinstance(profile, ConeSpec) else StructureSpec).model_validate(value)
 
     @model_validator(mode="after")
     def _vertices_fit(self) -> Spec:
-        if self.layout.ring is not None and self.vertex:
+        if self.layout is not None and self.layout.ring is not None and self.vertex:
             raise ValueError("layout.ring makes its own vertices: remove [[vertex]] or use layout.cells")
         return self
 
-    def build(self, folder: Path) -> Structure:
+    @model_validator(mode="after")
+    def _strip_in_one_piece(self) -> Spec:
+        if self.strip is not None and self.structure.span_segments > 1:
+            raise ValueError("strip: a span cut into segments would cut it; remove [strip] or span_segments")
+        return self
+
+    def build(self, folder: Path) -> Structure | ConeStructure:
         """The structure this specification describes; `folder` is where its files are looked up.
 
         Raises
@@ -182,29 +190,42 @@ class Spec(_Strict):
             Profile, layout or a cell cannot be made; says which and why.
         """
         profile = self.profile.make(folder)
-        layout, outline, inner = self._ring(profile) if self.layout.ring else self._listed(profile)
-        structure = build(embed(profile, layout, outline, inner), self.structure.wall_m)
-        return structure if self.layout.slits is not None or self.layout.ring is None else with_free_slits(structure)
+        structure: Structure | ConeStructure
+        if isinstance(profile, Cone):
+            assert isinstance(self.structure, ConeStructureSpec)
+            structure = build_cone(embed_cone(profile, *self._placed(profile.base)), self.structure.wall_angle_rad)
+        else:
+            assert isinstance(self.structure, StructureSpec)
+            structure = build(embed(profile, *self._placed(profile)), self.structure.wall_m)
+        chosen = self.layout is None or self.layout.slits is not None or self.layout.ring is None
+        return structure if chosen else with_free_slits(structure)
 
-    def _ring(self, profile: Profile) -> tuple[Layout, dict[str, float], dict[str, tuple[float, float]]]:
-        wanted = self.layout.ring
-        assert wanted is not None
-        vertices, cells = ring(wanted.cells)
-        slits = [("P", "O1")] if self.layout.slits is None else self.layout.slits
-        layout = make_layout(vertices, cells, slits)  # type: ignore[arg-type]
-        step = 2.0 * 3.141592653589793 / wanted.cells
-        outline = {
-            v.id: profile.at_natural(
-                wanted.phase_rad + step * (int(v.id[1:]) - 1 + (0.5 if v.role == "closing" else 0.0))
+    def wanted(self) -> tuple[OptimizeSpec, float]:
+        """`[optimize]` and the wall in what a search measures in: metres; of a cone radians seen from the apex."""
+        wish, cut = self.optimize or OptimizeSpec(), self.structure
+        if isinstance(cut, StructureSpec):
+            return wish, cut.wall_m
+        return wish.model_copy(update={"panel_m": wish.panel_m / cut.r_max_m}), cut.wall_angle_rad
+
+    def embedding(self, profile: Profile) -> Embedding:
+        """The layout on a cylinder's profile, as specified; whether its cells can be built is another matter."""
+        return embed(profile, *self._placed(profile))
+
+    def _placed(self, plane: Profile) -> tuple[Layout, dict[str, float], dict[str, tuple[float, float]]]:
+        """The layout, and where its vertices are on an outline in the plane: a cone's base, or the profile itself."""
+        if self.layout is None:
+            raise LayoutError(
+                "layout: missing",
+                limit="[layout] with cells and slits, or ring",
+                remedy="add it, or let one be found: --optimize --cells K --search-layouts",
             )
-            for v in vertices
-            if not v.inner
-        }
-        return layout, outline, {"P": wanted.center_m}
+        return _ring(plane, self.layout, self.layout.ring) if self.layout.ring else self._listed(plane, self.layout)
 
-    def _listed(self, profile: Profile) -> tuple[Layout, dict[str, float], dict[str, tuple[float, float]]]:
+    def _listed(
+        self, profile: Profile, given: LayoutSpec
+    ) -> tuple[Layout, dict[str, float], dict[str, tuple[float, float]]]:
         vertices = [Vertex(v.id, v.role, v.inner) for v in self.vertex]
-        layout = make_layout(vertices, self.layout.cells or (), self.layout.slits or ())  # type: ignore[arg-type]
+        layout = make_layout(vertices, given.cells or (), given.slits or ())  # type: ignore[arg-type]
         outline: dict[str, float] = {}
         for v in self.vertex:
             if v.inner:
@@ -215,6 +236,23 @@ class Spec(_Strict):
                 wrong.thing = f"vertex {v.id}: {wrong.thing}"
                 raise
         return layout, outline, {v.id: v.xy_m for v in self.vertex if v.xy_m is not None}
+
+
+def _ring(
+    profile: Profile, given: LayoutSpec, wanted: RingSpec
+) -> tuple[Layout, dict[str, float], dict[str, tuple[float, float]]]:
+    vertices, cells = ring(wanted.cells)
+    slits = [("P", "O1")] if given.slits is None else given.slits
+    layout = make_layout(vertices, cells, slits)  # type: ignore[arg-type]
+    step = 2.0 * 3.141592653589793 / wanted.cells
+    outline = {
+        v.id: profile.at_natural(
+            wanted.phase_rad + step * (int(v.id[1:]) - 1 + (0.5 if v.role == "closing" else 0.0))
+        )
+        for v in vertices
+        if not v.inner
+    }
+    return layout, outline, {"P": wanted.center_m}
 
 
 def load_spec(path: Path) -> Spec:
@@ -232,7 +270,7 @@ def load_spec(path: Path) -> Spec:
         raise refuse_keys(str(path), data, wrong) from wrong
 
 
-def build_from_file(path: str | Path) -> tuple[Spec, Structure]:
+def build_from_file(path: str | Path) -> tuple[Spec, Structure | ConeStructure]:
     """Read a specification and build its structure; errors name the file."""
     path = Path(path)
     spec = load_spec(path)

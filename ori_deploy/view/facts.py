@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ori_deploy.design import Structure
-from ori_deploy.motion import Mechanism, Plan
+from ori_deploy.design import ConeStructure, Structure
+from ori_deploy.files import Design
+from ori_deploy.motion import Plan
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import Summary, summarise
@@ -40,17 +42,22 @@ def _mm(length_m: float) -> str:
     return f"{np.format_float_positional(_MM * length_m, precision=3, fractional=False, trim='-')} mm"
 
 
-def key_facts(structure: Structure | None, plan: Plan | None, run: Run | None) -> tuple[Fact, ...]:
+def _sides(lengths_m: Sequence[float]) -> str:
+    return " by ".join(_mm(length) for length in lengths_m)
+
+
+def key_facts(design: Design | None, plan: Plan | None, run: Run | None) -> tuple[Fact, ...]:
     """The few figures that a person looks for first."""
     facts: list[Fact] = []
-    if structure is not None:
-        long, short = Mechanism(structure).stack_box_m
+    if design is not None:
+        structure, ratio = design.structure, design.entries.packaging()["box_ratio"]
+        whole = "cross-section" if isinstance(structure, Structure) else "volume"
         facts += [
             Fact("packaging ratio η", f"{structure.eta:.4f}", "cross-section over material"),
             Fact(
                 "volume reduction", f"{100.0 * (1.0 - 1.0 / structure.eta):.1f} %", "material against cross-section"
             ),
-            Fact("box ratio", f"{structure.profile.area / (long * short):.3f}", "cross-section over folded box"),
+            Fact("box ratio", f"{ratio:.3f}", f"{whole} over folded box"),
         ]
     if plan is not None:
         facts.append(
@@ -70,36 +77,61 @@ def key_facts(structure: Structure | None, plan: Plan | None, run: Run | None) -
     return tuple(facts)
 
 
-def design_facts(structure: Structure, span_m: float | None) -> tuple[Fact, ...]:
-    """What was designed."""
-    layout, profile = structure.layout, structure.profile
-    long, short = Mechanism(structure).stack_box_m
+def design_facts(design: Design, *, span_known: bool) -> tuple[Fact, ...]:
+    """What was designed; where the span is not known, a cross-section."""
+    structure = design.structure
+    layout = structure.layout
     margin = np.degrees(structure.cells.dead_centre_margin)
     cell, end = np.unravel_index(int(margin.argmin()), margin.shape)
-    extent = profile.table_f
     inner = sum(v.inner for v in layout.vertices)
-    facts = [
-        Fact("profile", profile.kind, f"{_mm(float(np.ptp(extent.real)))} by {_mm(float(np.ptp(extent.imag)))}"),
+    if isinstance(structure, ConeStructure):
+        shape, box_of = _cone_shape(design, structure), "truncated cone, folded flat"
+    else:
+        shape, box_of = _plane_shape(structure), "flat cross-section"
+    if span_known:
+        ends = f"from {design.r_min_m:.4g} m to {design.r_max_m:.4g} m from the apex"
+        span = Fact("span", f"{design.span_m:.4g} m", ends if isinstance(structure, ConeStructure) else "")
+        shape = (shape[0], span, *shape[1:])
+    return (
+        *shape,
         Fact(
             "layout",
             f"{layout.n_cells} cells",
             f"{layout.n_panels} panels, {inner} inner vert{'ex' if inner == 1 else 'ices'}",
         ),
-        Fact("least wall offset", _mm(structure.wall_m)),
-        Fact(
-            "cross-section", f"{1e4 * profile.area:.2f} cm²", f"material {1e4 * structure.panel_areas.sum():.2f} cm²"
-        ),
-        Fact("folded stack", f"{_mm(long)} by {_mm(short)}", "smallest box round the flat cross-section"),
+        Fact("folded stack", _sides(design.entries.packaging()["stack_box_m"]), f"smallest box round the {box_of}"),
         Fact(
             "smallest dead-centre margin",
             f"{margin[cell, end]:.2f}°",
             f"{layout.cell_ids[cell]}, closing crease {'ab'[end]}",
         ),
         Fact("latch points", ", ".join(layout.latch_points) or "none"),
-    ]
-    if span_m is not None:
-        facts.insert(1, Fact("span", f"{span_m:.4g} m"))
-    return tuple(facts)
+    )
+
+
+def _plane_shape(structure: Structure) -> tuple[Fact, ...]:
+    profile = structure.profile
+    extent = profile.table_f
+    return (
+        Fact("profile", profile.kind, f"{_mm(float(np.ptp(extent.real)))} by {_mm(float(np.ptp(extent.imag)))}"),
+        Fact("least wall offset", _mm(structure.wall_m)),
+        Fact(
+            "cross-section", f"{1e4 * profile.area:.2f} cm²", f"material {1e4 * structure.panel_areas.sum():.2f} cm²"
+        ),
+    )
+
+
+def _cone_shape(design: Design, structure: ConeStructure) -> tuple[Fact, ...]:
+    cone = structure.profile
+    return (
+        Fact("profile", f"cone over {cone.base.kind}", f"rays up to {np.degrees(cone.size):.4g}° apart"),
+        Fact(
+            "least wall offset",
+            _mm(structure.wall_rad * design.r_max_m),
+            f"at the outer radius; {np.degrees(structure.wall_rad):.4g}° seen from the apex",
+        ),
+        Fact("solid angle", f"{cone.solid_angle:.4g} sr", f"material {structure.panel_areas.sum():.4g} sr"),
+    )
 
 
 def plan_facts(plan: Plan) -> tuple[Fact, ...]:
@@ -160,9 +192,9 @@ def _known(value: float, form: str, unit: str = "") -> str:
     return f"{value:{form}}{unit}" if np.isfinite(value) else "not read"
 
 
-def cell_rows(structure: Structure) -> tuple[CellRow, ...]:
-    """The cells, one by one; the four angles in the order of `motion.CREASES`."""
-    cells = structure.cells
+def cell_rows(design: Design) -> tuple[CellRow, ...]:
+    """The cells, one by one; the four angles in the order of `motion.CREASES`. Lengths of a cone are at `r_max_m`."""
+    cells, to_mm = design.structure.cells, _MM * design.unit_m
 
     def texts(values: Reals, form: str) -> tuple[str, ...]:
         return tuple(f"{value:{form}}" for value in values)
@@ -171,11 +203,11 @@ def cell_rows(structure: Structure) -> tuple[CellRow, ...]:
         CellRow(
             cell=name,
             angles_deg=texts(np.degrees(cells.angle[i]), ".1f"),
-            rim_mm=texts(_MM * cells.rim[i], ".2f"),
-            offset_mm=texts(_MM * cells.offset[i], ".2f"),
+            rim_mm=texts(to_mm * cells.rim[i], ".2f"),
+            offset_mm=texts(to_mm * cells.offset[i], ".2f"),
             margin_deg=texts(np.degrees(cells.dead_centre_margin[i]), ".1f"),
         )
-        for i, name in enumerate(structure.layout.cell_ids)
+        for i, name in enumerate(design.structure.layout.cell_ids)
     )
 
 

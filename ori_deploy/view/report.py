@@ -8,7 +8,8 @@ from importlib.metadata import version
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ori_deploy.design import Structure
+from ori_deploy.design import ConeStructure, Structure
+from ori_deploy.files import Design
 from ori_deploy.motion.plan import Plan
 from ori_deploy.telemetry.read import Run
 from ori_deploy.view.events import run_events
@@ -44,8 +45,9 @@ class Illustration:
 def render_report(
     name: str,
     *,
-    structure: Structure | None = None,
+    structure: Structure | ConeStructure | None = None,
     span_m: float | None = None,
+    r_min_m: float = 0.0,
     plan: Plan | None = None,
     run: Run | None = None,
     design_sha256: str = "",
@@ -57,8 +59,8 @@ def render_report(
     ----------
     name
         Of the design, for people.
-    structure, span_m
-        The design; span in metres.
+    structure, span_m, r_min_m
+        The design; its span, and the radius from the apex at which a cone's begins, in metres.
     plan
         The plan.
     run
@@ -73,16 +75,19 @@ def render_report(
     """
     if structure is None and plan is None and run is None:
         raise ValueError("a report needs a design, a plan or a log")
+    design = None
+    if structure is not None:
+        design = Design(name, 1.0 if span_m is None else span_m, structure, r_min_m=r_min_m)
     facts, warnings = provenance_facts(design_sha256, plan_sha256, plan, run, version("ori-deploy"))
     template = _environment().get_template("report.html.j2")
     return template.render(
         name=name,
         verdict=verdict(plan, run),
         warnings=warnings,
-        key_facts=key_facts(structure, plan, run),
+        key_facts=key_facts(design, plan, run),
         figures=_figures(name, structure, plan, run),
-        tables=_tables(structure, span_m, plan, run),
-        cells=cell_rows(structure) if structure is not None else (),
+        tables=_tables(design, span_m is not None, plan, run),
+        cells=cell_rows(design) if design is not None else (),
         events=run_events(run) if run is not None else (),
         provenance=facts,
     )
@@ -99,11 +104,11 @@ def _environment() -> Environment:
 
 
 def _tables(
-    structure: Structure | None, span_m: float | None, plan: Plan | None, run: Run | None
+    design: Design | None, span_known: bool, plan: Plan | None, run: Run | None
 ) -> dict[str, tuple[object, ...]]:
     tables: dict[str, tuple[object, ...]] = {}
-    if structure is not None:
-        tables["Design"] = design_facts(structure, span_m)
+    if design is not None:
+        tables["Design"] = design_facts(design, span_known=span_known)
     if plan is not None:
         tables["Plan"] = plan_facts(plan)
     if run is not None:
@@ -111,7 +116,9 @@ def _tables(
     return tables
 
 
-def _figures(name: str, structure: Structure | None, plan: Plan | None, run: Run | None) -> tuple[Illustration, ...]:
+def _figures(
+    name: str, structure: Structure | ConeStructure | None, plan: Plan | None, run: Run | None
+) -> tuple[Illustration, ...]:
     figures: list[Illustration] = []
     if structure is not None:
         figures += [_section(name, structure), _strip(name, structure)]
@@ -122,10 +129,11 @@ def _figures(name: str, structure: Structure | None, plan: Plan | None, run: Run
     return tuple(figures)
 
 
-def _section(name: str, structure: Structure) -> Illustration:
+def _section(name: str, structure: Structure | ConeStructure) -> Illustration:
+    scale = "in degrees seen from the apex" if isinstance(structure, ConeStructure) else "to scale in millimetres"
     label = (
         f"Deployed cross-section of {name} with {structure.layout.n_cells} cells, their panels, creases, bonds and "
-        "slits, to scale in millimetres"
+        f"slits, {scale}"
     )
     return Illustration(
         "section",
@@ -136,7 +144,7 @@ def _section(name: str, structure: Structure) -> Illustration:
     )
 
 
-def _strip(name: str, structure: Structure) -> Illustration:
+def _strip(name: str, structure: Structure | ConeStructure) -> Illustration:
     label = f"The cross-section of {name} at seven stages of its fold, from the flat stack to the deployed shape"
     return Illustration(
         "strip",

@@ -13,12 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 
-from ori_deploy.design import Structure
+from ori_deploy.design import ConeStructure, Structure
 from ori_deploy.profiles import xy
-from ori_deploy.profiles.profile import Points, Reals
+from ori_deploy.profiles.profile import Points
+from ori_deploy.view.deployed import Deployed, deployed
 from ori_deploy.view.ink import FAINT, INK, PAPER, SLIT, cell_colour, edge_colour, house_style
 
-_MM = 1e3
 _WIDEST_IN, _TALLEST_IN = 8.3, 5.6
 _PAD_IN = 0.5
 """Room round the outline for the vertices' names."""
@@ -41,28 +41,29 @@ class _Scale:
         )
 
 
-def draw_section(structure: Structure) -> Figure:
-    """Draw the deployed cross-section, true to scale, in millimetres.
+def draw_section(structure: Structure | ConeStructure) -> Figure:
+    """Draw the deployed cross-section: a cylinder's true to scale in millimetres, a cone's as seen from its apex.
 
     Every panel is one polygon with the gid `panel-<id>`, every slit one line with the gid
     `slit-<inner vertex>-<opening vertex>`, every bond one with `bond-…`.
     """
+    shown = deployed(structure)
     with house_style():
-        figure, axes = _sheet(structure)
-        scale = _Scale.of(structure.layout.n_cells)
-        _draw_panels(axes, structure)
-        _draw_outline(axes, structure, scale)
-        _draw_edges(axes, structure, scale)
-        _draw_creases(axes, structure, scale)
-        _name_cells(axes, structure, scale)
-        _name_vertices(axes, structure, scale)
-        _add_legend(figure, structure)
+        figure, axes = _sheet(shown)
+        scale = _Scale.of(shown.layout.n_cells)
+        _draw_panels(axes, shown)
+        _draw_outline(axes, shown, scale)
+        _draw_edges(axes, shown, scale)
+        _draw_creases(axes, shown, scale)
+        _name_cells(axes, shown, scale)
+        _name_vertices(axes, shown, scale)
+        _add_legend(figure, shown)
     return figure
 
 
-def _sheet(structure: Structure) -> tuple[Figure, Axes]:
+def _sheet(shown: Deployed) -> tuple[Figure, Axes]:
     """A figure just large enough for the outline at one scale in both directions."""
-    low, high = _extent(structure)
+    low, high = shown.extent
     size = high - low
     scale = min(_WIDEST_IN / size[0], _TALLEST_IN / size[1])
     plot = size * scale + 2.0 * _PAD_IN
@@ -78,23 +79,17 @@ def _sheet(structure: Structure) -> tuple[Figure, Axes]:
     axes.set_aspect("equal")
     axes.xaxis.set_major_locator(MaxNLocator(8))
     axes.yaxis.set_major_locator(MaxNLocator(max(2, min(8, int(plot[1] / 0.5)))))
-    axes.set_xlabel("x (mm)")
-    axes.set_ylabel("y (mm)")
+    axes.set_xlabel(f"x ({shown.unit})")
+    axes.set_ylabel(f"y ({shown.unit})")
     return figure, axes
 
 
-def _extent(structure: Structure) -> tuple[Reals, Reals]:
-    """(2,) lower left and upper right corner of the outline's box, millimetres."""
-    points = _MM * xy(structure.profile.table_f)
-    return points.min(axis=0), points.max(axis=0)
-
-
-def _draw_panels(axes: Axes, structure: Structure) -> None:
-    layout = structure.layout
-    for p, outline in enumerate(structure.panel_outlines()):
+def _draw_panels(axes: Axes, shown: Deployed) -> None:
+    layout = shown.layout
+    for p, outline in enumerate(shown.panels):
         axes.add_patch(
             Polygon(
-                _MM * xy(outline),
+                xy(outline),
                 closed=True,
                 facecolor=cell_colour(p // 4, layout.n_cells),
                 edgecolor=edge_colour(p // 4, layout.n_cells),
@@ -106,29 +101,29 @@ def _draw_panels(axes: Axes, structure: Structure) -> None:
         )
 
 
-def _draw_outline(axes: Axes, structure: Structure, scale: _Scale) -> None:
-    profile = structure.profile
-    target = _MM * profile.sample(0.0, profile.period, 1e-5 * profile.size)
+def _draw_outline(axes: Axes, shown: Deployed, scale: _Scale) -> None:
     axes.add_patch(
-        Polygon(xy(target), closed=True, fill=False, edgecolor=INK, linewidth=scale.line, gid="profile", zorder=3)
+        Polygon(
+            xy(shown.target), closed=True, fill=False, edgecolor=INK, linewidth=scale.line, gid="profile", zorder=3
+        )
     )
 
 
-def _draw_edges(axes: Axes, structure: Structure, scale: _Scale) -> None:
+def _draw_edges(axes: Axes, shown: Deployed, scale: _Scale) -> None:
     """Inner edges of the layout: slits over bonds."""
-    layout, z = structure.layout, structure.embedding.z
+    layout = shown.layout
     ids = [v.id for v in layout.vertices]
     tail, head = layout.corners.ravel(), np.roll(layout.corners, -1, axis=1).ravel()
     for p in np.flatnonzero(layout.bonded_to > np.arange(layout.n_panels)):
         a, b = int(tail[p]), int(head[p])
-        line = _MM * z[[a, b]]
+        line = shown.edge(a, b)
         axes.plot(
             line.real, line.imag, color=INK, linewidth=0.6 * scale.line, gid=f"bond-{ids[a]}-{ids[b]}", zorder=3
         )
     width = 1.2 + 0.9 * scale.line
     halo = [patheffects.Stroke(linewidth=width + 1.2, foreground=PAPER, capstyle="butt"), patheffects.Normal()]
     for a, b in layout.slits:
-        line = _MM * z[[a, b]]
+        line = shown.edge(a, b)
         axes.plot(
             line.real,
             line.imag,
@@ -142,9 +137,8 @@ def _draw_edges(axes: Axes, structure: Structure, scale: _Scale) -> None:
         )
 
 
-def _draw_creases(axes: Axes, structure: Structure, scale: _Scale) -> None:
-    crease = _MM * structure.cells.crease
-    for places, style in ((crease[:, :2], _OPENING), (crease[:, 2:], _CLOSING)):
+def _draw_creases(axes: Axes, shown: Deployed, scale: _Scale) -> None:
+    for places, style in ((shown.crease[:, :2], _OPENING), (shown.crease[:, 2:], _CLOSING)):
         flat = places.ravel()
         axes.plot(flat.real, flat.imag, linestyle="none", markersize=scale.marker, zorder=5, **style)
 
@@ -153,9 +147,9 @@ _OPENING: dict[str, Any] = {"marker": "o", "markerfacecolor": PAPER, "markeredge
 _CLOSING: dict[str, Any] = {"marker": "D", "markerfacecolor": INK, "markeredgecolor": PAPER, "markeredgewidth": 0.5}
 
 
-def _name_cells(axes: Axes, structure: Structure, scale: _Scale) -> None:
-    middle = _MM * _centroids(structure.cells.void)
-    for name, z in zip(structure.layout.cell_ids, middle, strict=True):
+def _name_cells(axes: Axes, shown: Deployed, scale: _Scale) -> None:
+    middle = _centroids(shown.void)
+    for name, z in zip(shown.layout.cell_ids, middle, strict=True):
         axes.text(
             z.real,
             z.imag,
@@ -175,20 +169,12 @@ def _centroids(corners: Points) -> Points:
     return np.asarray(((corners + after) * cross).sum(axis=1) / (3.0 * cross.sum(axis=1)))
 
 
-def _outwards(structure: Structure, vertex: int) -> complex:
-    """Unit normal of the outline at a vertex; at a cusp, such as a sharp trailing edge, straight ahead."""
-    before, after = structure.profile.tangents(float(structure.embedding.s[vertex]))
-    mean = before + after
-    return complex(-1j * mean / abs(mean)) if abs(mean) > 1e-9 else complex(before)
-
-
-def _name_vertices(axes: Axes, structure: Structure, scale: _Scale) -> None:
-    layout = structure.layout
+def _name_vertices(axes: Axes, shown: Deployed, scale: _Scale) -> None:
+    layout = shown.layout
     halo = [patheffects.withStroke(linewidth=2.5, foreground=PAPER)]
     slit_at = {opening: layout.vertices[inner].id for inner, opening in layout.slits}
     for i, v in enumerate(layout.vertices):
-        z = _MM * structure.embedding.z[i]
-        away = 0j if v.inner else _outwards(structure, i)
+        z, away = shown.vertices[i], shown.outwards[i]
         reach = scale.vertex + 5.0
         is_slit = i in slit_at
         axes.annotate(
@@ -210,14 +196,14 @@ def _side(x: float, names: tuple[str, str, str]) -> str:
     return names[0] if x < -0.4 else names[2] if x > 0.4 else names[1]
 
 
-def _add_legend(figure: Figure, structure: Structure) -> None:
+def _add_legend(figure: Figure, shown: Deployed) -> None:
     entries: list[Line2D | Patch] = [
         Line2D([], [], color=INK, linewidth=1.5, label="target profile"),
-        Patch(facecolor=cell_colour(0, structure.layout.n_cells), label="panels, coloured by cell"),
+        Patch(facecolor=cell_colour(0, shown.layout.n_cells), label="panels, coloured by cell"),
         Line2D([], [], color=INK, linewidth=0.9, label="bond"),
         Line2D([], [], linestyle="none", markersize=5.2, label="opening crease", **_OPENING),
         Line2D([], [], linestyle="none", markersize=5.2, label="closing crease", **_CLOSING),
     ]
-    if structure.layout.slits:
+    if shown.layout.slits:
         entries.append(Line2D([], [], color=SLIT, linewidth=2.6, linestyle=(0, (2.2, 1.1)), label="slit"))
     figure.legend(handles=entries, loc="lower center", ncols=3, columnspacing=2.0, handlelength=2.4)

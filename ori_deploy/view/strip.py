@@ -10,20 +10,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from numpy.typing import NDArray
 
-from ori_deploy.design import Structure
-from ori_deploy.motion import Mechanism
+from ori_deploy.design import ConeStructure, Structure
+from ori_deploy.motion import Mechanism, mechanism_of
 from ori_deploy.profiles import xy
 from ori_deploy.profiles.profile import Points, Reals
+from ori_deploy.view.cone_views import cone_views
 from ori_deploy.view.ink import FAINT, INK, SLIT, cell_colour, edge_colour, house_style
 
 FRAMES: tuple[float, ...] = (0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 1.0)
 """Folds to show: closer together near flat, where the creases turn fastest."""
 
 _MM = 1e3
-_WIDTH_IN, _HEIGHT_IN = 9.5, 7.6
-_CAPTION_IN = 0.52
-_GAP_IN = 0.3
+WIDTH_IN, _HEIGHT_IN = 9.5, 7.6
+CAPTION_IN = 0.52
+GAP_IN = 0.3
 _STEPS_BETWEEN = 8
 _NEAR_LARGEST = 0.85
 
@@ -37,11 +39,11 @@ class Frame:
     fold
         Of all cells.
     outlines
-        Panel polygons, millimetres, their box's lower left corner at 0.
+        Panel polygons, their box's lower left corner at 0; millimetres, of a cone degrees of arc.
     size
-        (2,) width and height of the box, millimetres.
+        (2,) width and height of the box.
     slit_faces
-        (n_faces, 2) ends of both faces of every slit, placed like the outlines.
+        Lines along both faces of every slit, placed like the outlines.
     closing_rad, opening_rad
         Smallest and largest inner angle at the closing and at the opening creases.
     """
@@ -49,12 +51,12 @@ class Frame:
     fold: float
     outlines: tuple[Points, ...]
     size: Reals
-    slit_faces: Points
+    slit_faces: tuple[Points, ...]
     closing_rad: tuple[float, float]
     opening_rad: tuple[float, float]
 
 
-def fold_frames(structure: Structure, folds: Sequence[float] = FRAMES) -> tuple[Frame, ...]:
+def fold_frames(structure: Structure | ConeStructure, folds: Sequence[float] = FRAMES) -> tuple[Frame, ...]:
     """Poses of the strip: the flat stack lies level, the deployed section stands as designed.
 
     Between two poses a panel can have turned any way, so a frame is turned to match the one before as
@@ -66,21 +68,14 @@ def fold_frames(structure: Structure, folds: Sequence[float] = FRAMES) -> tuple[
     folds
         Increasing, from 0 to 1.
     """
-    mechanism = Mechanism(structure)
-    outlines = structure.panel_outlines()
-    turn = _attitudes(structure, mechanism, np.asarray(folds))
-    angles = mechanism.four_bars.angles(np.asarray(folds))
-    poses = mechanism.poses(folds)
-    layout = structure.layout
-    faced = np.flatnonzero(layout.is_slit)
-    edges = np.stack([layout.corners.ravel(), np.roll(layout.corners, -1, axis=1).ravel()], axis=1)
-    faces = structure.embedding.z[edges[faced]]
+    angles = mechanism_of(structure).four_bars.angles(np.asarray(folds))
+    faced = np.flatnonzero(structure.layout.is_slit)
+    if isinstance(structure, ConeStructure):
+        views = cone_views(structure, mechanism_of(structure), folds, faced)
+    else:
+        views = _plane_views(structure, mechanism_of(structure), folds, faced)
     frames = []
-    for k, fold in enumerate(folds):
-        placed = [
-            _MM * turn[k] * (poses.turn[p, k] * outline + poses.shift[p, k]) for p, outline in enumerate(outlines)
-        ]
-        slit_faces = _MM * turn[k] * (poses.turn[faced, k, None] * faces + poses.shift[faced, k, None])
+    for k, (fold, (placed, slit_faces)) in enumerate(zip(folds, views, strict=True)):
         every = np.concatenate(placed)
         corner = complex(every.real.min(), every.imag.min())
         frames.append(
@@ -88,12 +83,32 @@ def fold_frames(structure: Structure, folds: Sequence[float] = FRAMES) -> tuple[
                 fold=float(fold),
                 outlines=tuple(outline - corner for outline in placed),
                 size=np.array([np.ptp(every.real), np.ptp(every.imag)]),
-                slit_faces=slit_faces - corner,
+                slit_faces=tuple(face - corner for face in slit_faces),
                 closing_rad=(float(angles[k, :, 2:].min()), float(angles[k, :, 2:].max())),
                 opening_rad=(float(angles[k, :, :2].min()), float(angles[k, :, :2].max())),
             )
         )
     return tuple(frames)
+
+
+def _plane_views(
+    structure: Structure, mechanism: Mechanism, folds: Sequence[float], faced: NDArray[np.intp]
+) -> list[tuple[list[Points], list[Points]]]:
+    """Panel polygons, and the faces of the panels `faced`, on paper at each fold, millimetres."""
+    outlines = structure.panel_outlines()
+    turn = _attitudes(structure, mechanism, np.asarray(folds))
+    poses = mechanism.poses(folds)
+    layout = structure.layout
+    edges = np.stack([layout.corners.ravel(), np.roll(layout.corners, -1, axis=1).ravel()], axis=1)
+    views = []
+    for k in range(len(folds)):
+
+        def place(p: int, points: Points, k: int = k) -> Points:
+            return np.asarray(_MM * turn[k] * (poses.turn[p, k] * points + poses.shift[p, k]))
+
+        placed = [place(p, outline) for p, outline in enumerate(outlines)]
+        views.append((placed, [place(int(p), structure.embedding.z[edges[p]]) for p in faced]))
+    return views
 
 
 def _attitudes(structure: Structure, mechanism: Mechanism, folds: Reals) -> Points:
@@ -117,66 +132,67 @@ def _attitudes(structure: Structure, mechanism: Mechanism, folds: Reals) -> Poin
     return np.asarray((turned * upright * np.exp(1j * missing * fine))[::_STEPS_BETWEEN])
 
 
-def draw_strip(structure: Structure) -> Figure:
+def draw_strip(structure: Structure | ConeStructure) -> Figure:
     """Draw the fold from flat to deployed. Every panel is one polygon with the gid `frame<k>-panel-<id>`."""
     frames = fold_frames(structure)
     with house_style():
-        scale, rows = _arrange(frames)
-        heights = [max(frames[k].size[1] for k in row) * scale + _CAPTION_IN for row in rows]
-        height = sum(heights) + _GAP_IN * (len(rows) + 1)
-        figure = Figure(figsize=(_WIDTH_IN, height))
+        scale, rows = arrange([frame.size for frame in frames])
+        heights = [max(frames[k].size[1] for k in row) * scale + CAPTION_IN for row in rows]
+        height = sum(heights) + GAP_IN * (len(rows) + 1)
+        figure = Figure(figsize=(WIDTH_IN, height))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        axes.set_xlim(0.0, _WIDTH_IN)
+        axes.set_xlim(0.0, WIDTH_IN)
         axes.set_ylim(0.0, height)
-        top = height - _GAP_IN
+        top = height - GAP_IN
         for row, row_height in zip(rows, heights, strict=True):
             _draw_row(axes, structure, [(k, frames[k]) for k in row], scale, top, row_height)
-            top -= row_height + _GAP_IN
-        _draw_scale_bar(axes, scale, max(frame.size[0] for frame in frames))
+            top -= row_height + GAP_IN
+        unit = "°" if isinstance(structure, ConeStructure) else " mm"
+        draw_scale_bar(axes, scale, max(frame.size[0] for frame in frames), unit)
         if structure.layout.slits:
             axes.plot([0.25, 0.6], [0.14, 0.14], color=SLIT, linewidth=1.6)
             axes.text(0.68, 0.14, "faces of the slits", va="center", fontsize=8.0)
     return figure
 
 
-def _arrange(frames: Sequence[Frame]) -> tuple[float, list[list[int]]]:
-    """Inches per millimetre, and the frames of each row.
+def arrange(sizes: Sequence[Reals]) -> tuple[float, list[list[int]]]:
+    """Inches per millimetre, and which frames go into each row; sizes (2,) are in millimetres.
 
     Every way to break the strip into rows is tried on a sheet not much taller than wide: of those that
     come near the largest scale, the one with the fewest rows.
     """
-    n = len(frames)
+    n = len(sizes)
     found = []
     for breaks in product((False, True), repeat=n - 1):
         ends = [0, *(k for k, broken in enumerate(breaks, 1) if broken), n]
         rows = [list(range(a, b)) for a, b in pairwise(ends)]
-        found.append((_largest_scale(frames, rows), rows))
+        found.append((_largest_scale(sizes, rows), rows))
     largest = max(scale for scale, _ in found)
     near = [(scale, rows) for scale, rows in found if scale >= _NEAR_LARGEST * largest]
     return min(near, key=lambda choice: (len(choice[1]), -choice[0]))
 
 
-def _largest_scale(frames: Sequence[Frame], rows: list[list[int]]) -> float:
-    across = min((_WIDTH_IN - _GAP_IN * (len(row) + 1)) / sum(frames[k].size[0] for k in row) for row in rows)
-    tall = sum(max(frames[k].size[1] for k in row) for row in rows)
-    down = (_HEIGHT_IN - (_CAPTION_IN + _GAP_IN) * len(rows) - _GAP_IN) / tall
+def _largest_scale(sizes: Sequence[Reals], rows: list[list[int]]) -> float:
+    across = min((WIDTH_IN - GAP_IN * (len(row) + 1)) / sum(sizes[k][0] for k in row) for row in rows)
+    tall = sum(max(sizes[k][1] for k in row) for row in rows)
+    down = (_HEIGHT_IN - (CAPTION_IN + GAP_IN) * len(rows) - GAP_IN) / tall
     return float(min(across, down))
 
 
 def _draw_row(
     axes: Axes,
-    structure: Structure,
+    structure: Structure | ConeStructure,
     row: Sequence[tuple[int, Frame]],
     scale: float,
     top: float,
     height: float,
 ) -> None:
     layout = structure.layout
-    room = _WIDTH_IN - sum(frame.size[0] * scale for _, frame in row)
+    room = WIDTH_IN - sum(frame.size[0] * scale for _, frame in row)
     gap = room / (len(row) + 1)
     x = gap
-    body = height - _CAPTION_IN
+    body = height - CAPTION_IN
     for k, frame in row:
         width, tall = frame.size * scale
         corner = complex(x, top - 0.5 * (body + tall))
@@ -192,7 +208,8 @@ def _draw_row(
                     gid=f"frame{k}-panel-{layout.panel_ids[p]}",
                 )
             )
-        for face, ends in enumerate(corner + scale * frame.slit_faces):
+        for face, line in enumerate(frame.slit_faces):
+            ends = corner + scale * line
             axes.plot(ends.real, ends.imag, color=SLIT, linewidth=1.1, gid=f"frame{k}-slit{face}")
         _draw_caption(axes, frame, x + 0.5 * width, top - body - 0.1)
         x += width + gap
@@ -210,10 +227,11 @@ def _span(angles_rad: tuple[float, float]) -> str:
     return f"{low}°" if low == high else f"{low}–{high}°"
 
 
-def _draw_scale_bar(axes: Axes, scale: float, widest_mm: float) -> None:
-    rough = 0.4 * widest_mm
+def draw_scale_bar(axes: Axes, scale: float, widest: float, unit: str = " mm") -> None:
+    """A bar of a round length, not more than 0.4 of the widest frame; `scale` is inches per unit."""
+    rough = 0.4 * widest
     decade = 10.0 ** np.floor(np.log10(rough))
     length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= rough)
-    x, y = _WIDTH_IN - 0.25, 0.14
+    x, y = WIDTH_IN - 0.25, 0.14
     axes.plot([x - length * scale, x], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt", gid="scale-bar")
-    axes.text(x - length * scale - 0.07, y, f"{length:g} mm", ha="right", va="center", fontsize=8.0)
+    axes.text(x - length * scale - 0.07, y, f"{length:g}{unit}", ha="right", va="center", fontsize=8.0)

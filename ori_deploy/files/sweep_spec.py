@@ -1,0 +1,39 @@
+"""What to sweep over: the `[sweep]` table of a specification, or a file of its own (schema ori-deploy/sweep/1)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError
+
+from ori_deploy.files.profile_spec import Strict
+from ori_deploy.files.text import read_toml, refuse_keys
+
+SWEEP_SCHEMA = "ori-deploy/sweep/1"
+
+
+class SweepSpec(Strict):
+    """`[sweep]`: `grid` from keys of the specification to the values to try, and the seed of the starts."""
+
+    grid: dict[str, Any]
+    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+
+
+class _SweepFile(SweepSpec):
+    schema_: Annotated[str, Field(alias="schema")]
+
+
+def load_sweep(path: Path) -> SweepSpec:
+    """Read a grid file.
+
+    Raises
+    ------
+    FileError
+        Unreadable, not TOML, unknown or missing keys; names file and key.
+    """
+    data = read_toml(path, SWEEP_SCHEMA)
+    try:
+        return _SweepFile.model_validate(data)
+    except ValidationError as wrong:
+        raise refuse_keys(str(path), data, wrong) from wrong
