@@ -1,13 +1,17 @@
-# make demo | test | bench | install | lint | clean
+# make demo | figures | test | bench | install | lint | clean
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo install test test-fast bench lint clean
+.PHONY: demo figures install test test-fast bench lint clean
 
 demo: install
 	$(BIN)/ori-deploy demo
+
+# The paper's figures and the data behind them, in out/figures.
+figures: install
+	$(BIN)/ori-deploy figures --out out/figures
 
 install: $(STAMP)
 

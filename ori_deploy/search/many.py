@@ -8,11 +8,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from dataclasses import dataclass
 from itertools import islice
 
-from ori_deploy.design import Embedding
+from ori_deploy.design import ConeStructure, Embedding
 from ori_deploy.errors import CellError, InputError
 from ori_deploy.layout import Layout
 from ori_deploy.motion import Mechanism
-from ori_deploy.profiles import Profile
+from ori_deploy.profiles import Cone, Profile
 from ori_deploy.search.solve import Solution, solve
 from ori_deploy.search.wish import Wish
 
@@ -22,7 +22,7 @@ class Job:
     """One local search, see `solve`; `name` says whose it is."""
 
     name: str
-    profile: Profile
+    profile: Profile | Cone
     layout: Layout
     wall_m: float
     wish: Wish
@@ -118,8 +118,13 @@ def worth(solution: Solution, wish: Wish) -> float:
     """What a wish maximises."""
     if wish.objective == "eta":
         return solution.eta
-    box = Mechanism(solution.structure).stack_box_m
-    return solution.structure.profile.area / (box[0] * box[1])
+    structure = solution.structure
+    if isinstance(structure, ConeStructure):
+        return structure.wall_rad / structure.profile.size
+    if wish.objective == "wall":
+        return structure.wall_m / structure.profile.size
+    box = Mechanism(structure).stack_box_m
+    return structure.profile.area / (box[0] * box[1])
 
 
 def best_first(results: Sequence[Result]) -> list[tuple[Job, Solution]]:

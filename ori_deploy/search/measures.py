@@ -1,7 +1,7 @@
 """What a structure measures, and how every measure changes with the vertices: exact derivatives.
 
-The unknowns are the parameters of outline vertices, the places of inner ones, and one number per
-cell, the raise of its wall offset at crease c. The construction of `design` runs on jets; only the
+The unknowns are the parameters of outline vertices, the places of inner ones, one number per cell,
+the raise of its wall offset at crease c, and the wall. The construction of `design` runs on jets; only the
 opening creases, found by a root search, get their derivatives from the implicit function theorem,
 and the bulge of a curved panel from the envelope theorem: its place may be held fixed.
 
@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.design import Cells
+from ori_deploy.design import Cells, ConeCells
 from ori_deploy.design.cells import faces_of
 from ori_deploy.design.creases import Corners, crease_roots, rim_thicknesses
 from ori_deploy.design.jet import Jet, select, stacked
@@ -31,8 +31,8 @@ from ori_deploy.tolerance import TOLERANCE
 
 Indices = NDArray[np.intp]
 
-_SLOTS = 7
-"""A cell's own unknowns: two for a, one for c, two for b, one for d, and the raise."""
+SLOTS = 8
+"""A cell's own unknowns: two for a, one for c, two for b, one for d, the raise, and the wall all cells share."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,17 @@ class Unknowns:
 
     @property
     def n_places(self) -> int:
-        """Unknowns that place vertices; the cells' raises follow."""
+        """Unknowns that place vertices; the cells' raises follow, then the wall."""
         return len(self.inner) + int(self.inner.sum())
 
     @property
     def count(self) -> int:
-        return self.n_places + self.layout.n_cells
+        return self.n_places + self.layout.n_cells + 1
+
+    @property
+    def wall(self) -> int:
+        """Column of the wall."""
+        return self.count - 1
 
     @cached_property
     def stride(self) -> float:
@@ -74,20 +79,22 @@ class Unknowns:
 
     @cached_property
     def local(self) -> Indices:
-        """(n_cells, 7) column of each of a cell's own unknowns; `count` where it has none."""
+        """(n_cells, 8) column of each of a cell's own unknowns; `count` where it has none."""
         a, c, b, d = self.layout.corners.T
         raise_ = self.n_places + np.arange(self.layout.n_cells)
         col = self.column
-        slots = np.stack([col[a, 0], col[a, 1], col[c, 0], col[b, 0], col[b, 1], col[d, 0], raise_], axis=1)
+        wall = np.full(self.layout.n_cells, self.wall)
+        slots = np.stack([col[a, 0], col[a, 1], col[c, 0], col[b, 0], col[b, 1], col[d, 0], raise_, wall], axis=1)
         return np.where(slots < 0, self.count, slots)
 
     def of_cells(self, x: Reals) -> Reals:
-        """(n_cells, 7) every cell's own unknowns; 0 where it has none."""
-        return np.append(x, 0.0)[self.local]
+        """(n_cells, 8) every cell's own unknowns; 0 where it has none."""
+        return np.append(x[: self.count], 0.0)[self.local]
 
-    def pack(self, s: Reals, z: Points) -> Reals:
-        """The vector of vertex places; raises 0."""
+    def pack(self, s: Reals, z: Points, wall: float) -> Reals:
+        """The vector of vertex places and the wall over the size; raises 0."""
         x = np.zeros(self.count)
+        x[self.wall] = wall
         x[self.column[~self.inner, 0]] = s[~self.inner] / self.stride
         x[self.column[self.inner, 0]] = z[self.inner].real / self.profile.size
         x[self.column[self.inner, 1]] = z[self.inner].imag / self.profile.size
@@ -127,7 +134,7 @@ class Measures:
     """
 
     material: Jet
-    cells: Cells
+    cells: Cells | ConeCells
     raised: Jet
     length: Jet
     thickness: Jet
@@ -141,13 +148,10 @@ class Measurer:
     ----------
     unknowns
         What varies.
-    wall_m
-        Least wall offset, metres.
     """
 
-    def __init__(self, unknowns: Unknowns, wall_m: float) -> None:
+    def __init__(self, unknowns: Unknowns) -> None:
         self.unknowns = unknowns
-        self.wall_m = wall_m
         self._curved = (unknowns.layout.neighbour < 0).reshape(-1, 4)
         self._inner = unknowns.inner[unknowns.layout.corners]
 
@@ -157,7 +161,7 @@ class Measurer:
         Parameters
         ----------
         own
-            (n, 7) their own unknowns.
+            (n, 8) their own unknowns.
         cell
             (n,) which cells they are.
         guess
@@ -177,7 +181,12 @@ class Measurer:
         if not (np.abs(before - after) <= good).all():
             return None
         jets = _corner_jets(corner, self._vertex_jets(z, dz, cell))
-        return self._measure(corner, jets, root, self._crease_slopes(corner, jets, root), own[:, 6])
+        return self._measure(corner, jets, root, self._crease_slopes(corner, jets, root), own[:, 6:])
+
+    def vertices(self, own: Reals, cell: Indices) -> Jet:
+        """(n, 4) places of the corners a, c, b, d of cells; arguments as when measuring."""
+        _, z, dz = self._places(own, cell)
+        return self._vertex_jets(z, dz, cell)
 
     def _places(self, own: Reals, cell: Indices) -> tuple[Reals, Points, Points]:
         """s (NaN inside), z and dz/dx of the corners a, c, b, d, (n, 4) each."""
@@ -201,7 +210,7 @@ class Measurer:
 
     def _vertex_jets(self, z: Points, dz: Points, cell: Indices) -> Jet:
         """(n, 4) corners a, c, b, d of every cell."""
-        slope = np.zeros((*z.shape, _SLOTS), dtype=complex)
+        slope = np.zeros((*z.shape, SLOTS), dtype=complex)
         for k, slot in enumerate((0, 2, 3, 5)):
             slope[:, k, slot] = dz[:, k]
         for k, slot in ((0, 1), (2, 4)):
@@ -225,14 +234,15 @@ class Measurer:
             slope[k] += (straight.slope - rim.slope) * sign
         return np.asarray(-slope / np.where(steep == 0.0, np.inf, steep)[:, None])
 
-    def _measure(self, corner: Corners, jets: Corners, root: Reals, d_root: Reals, raise_c: Reals) -> Measures:
-        profile, n = self.unknowns.profile, len(raise_c)
+    def _measure(self, corner: Corners, jets: Corners, root: Reals, d_root: Reals, thick: Reals) -> Measures:
+        """`thick`: (n, 2) the raise at c and the wall, over the size."""
+        profile, n = self.unknowns.profile, len(thick)
         f, df = profile.evaluate(root, 1)
         crease = Jet(f, df[:, None] * d_root)
         faces = faces_of(jets, cast(Points, crease))
-        least: Any = self.wall_m + self._dips(corner, jets, crease, root).reshape(n, 2)
-        above_c = Jet(raise_c * profile.size, np.zeros((n, _SLOTS)))
-        above_c.slope[:, 6] = profile.size
+        above_c, wall = (Jet(thick[:, k] * profile.size, np.zeros((n, SLOTS))) for k in (0, 1))
+        above_c.slope[:, 6] = wall.slope[:, 7] = profile.size
+        least: Any = stacked([wall, wall], axis=1) + self._dips(corner, jets, crease, root).reshape(n, 2)
         raised = stacked([above_c, above_c - faces.excess(least)], axis=1)
         rim = self._rims(corner, jets, crease, root)
         offset = least + raised
@@ -256,7 +266,7 @@ class Measurer:
     def _dips(self, corner: Corners, jets: Corners, crease: Jet, root: Reals) -> Jet:
         """(2 n_cells,) depth of hollow outlines below the chords of curved panels."""
         profile = self.unknowns.profile
-        dip = Jet(np.zeros(len(root)), np.zeros((len(root), _SLOTS)))
+        dip = Jet(np.zeros(len(root)), np.zeros((len(root), SLOTS)))
         if profile.is_convex:
             return dip
         ends = ((-1.0, corner.curved_before, jets.q_before), (1.0, corner.curved_after, jets.q_after))

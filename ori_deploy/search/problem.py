@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from ori_deploy.design import Embedding
 from ori_deploy.design.jet import Jet
+from ori_deploy.profiles import Cone
 from ori_deploy.profiles.profile import Reals
+from ori_deploy.search.cone_measures import ConeMeasurer
 from ori_deploy.search.measures import Measurer, Measures, Unknowns
 from ori_deploy.search.wish import Equation, Wish
 from ori_deploy.tolerance import TOLERANCE
@@ -27,6 +29,9 @@ _GAP = 1e-3
 
 _IN_HAND = 1e-8
 """Bounds a person asked for are kept with this much in hand (radians, or lengths over the size)."""
+
+_KINK = 0.02
+"""Turn of the outline, radians, that a vertex may cross: where the two camber lines of an airfoil meet, for one."""
 
 _STEP = 3e-6
 """Difference of an unknown over which gradients are compared for second derivatives."""
@@ -48,7 +53,7 @@ class Values:
     Attributes
     ----------
     objective, gradient
-        The material over that of the start; (count,) its derivatives.
+        The material over the cross-section, or what is to be small instead; (count,) its derivatives.
     inequality, inequality_slope
         (m,) values that must not be negative, (m, count) derivatives.
     equation, equation_slope
@@ -77,33 +82,42 @@ class Problem:
     start
         The embedding to begin with; unknown places are those of its vertices.
     wall_m
-        Least wall offset, metres.
+        Least wall offset, metres; radians on a cone.
     wish
         What to look for.
+    cone
+        Measured on this cone instead, with `start` on its base: arcs take the place of lengths.
     """
 
-    def __init__(self, start: Embedding, wall_m: float, wish: Wish) -> None:
-        self.start, self.wall_m, self.wish = start, wall_m, wish
+    def __init__(self, start: Embedding, wall_m: float, wish: Wish, cone: Cone | None = None) -> None:
+        self.start, self.wall_m, self.wish, self.cone = start, wall_m, wish, cone
+        self.size = start.profile.size if cone is None else cone.size
         self.unknowns = Unknowns(start.profile, start.layout)
-        self.measurer = Measurer(self.unknowns, wall_m)
+        self.measurer = Measurer(self.unknowns) if cone is None else ConeMeasurer(self.unknowns, cone)
         self._every = np.arange(start.layout.n_cells)
         self._guess: Reals | None = None
-        self._unit = start.profile.area
+        self._unit = start.profile.area if cone is None else cone.solid_angle
+
+    @property
+    def unit(self) -> str:
+        """What walls and lengths are told in."""
+        return "m" if self.cone is None else "rad"
 
     # --- unknowns -----------------------------------------------------------------------------------
 
     @cached_property
     def first(self) -> Reals:
         """Unknowns of the start; every raise is what (3) asks there."""
-        return self.with_raises(self.unknowns.pack(self._unrolled, self.start.z))
+        return self.with_raises(self.unknowns.pack(self._unrolled, self.start.z, self.wall_m / self.size))
 
     def with_raises(self, x: Reals) -> Reals:
         """`x` with the smallest raises that satisfy (3)."""
         x = x.copy()
-        x[self.unknowns.n_places :] = 0.0
+        raises = slice(self.unknowns.n_places, self.unknowns.wall)
+        x[raises] = 0.0
         measures = self.measures(x)
         if measures is not None:
-            x[self.unknowns.n_places :] = np.maximum(-measures.raised.value[:, 1], 0.0) / self.start.profile.size
+            x[raises] = np.maximum(-measures.raised.value[:, 1], 0.0) / self.size
         return x
 
     @cached_property
@@ -118,10 +132,13 @@ class Problem:
     def free(self) -> NDArray[np.bool_]:
         """(count,) unknowns that may move: a vertex in a corner of the outline stays there."""
         free = np.ones(self.unknowns.count, dtype=bool)
+        free[self.unknowns.wall] = self.wish.objective == "wall"
         profile = self.start.profile
+        before, after = profile.tangents(profile.corners)
+        corner = profile.point(profile.corners[np.abs(np.angle(after / before)) > _KINK])
         for i in np.flatnonzero(~self.unknowns.inner):
-            away = np.abs(profile.point(profile.corners) - self.start.z[i]) if len(profile.corners) else np.ones(1)
-            if away.min() <= TOLERANCE.vertex_gap * profile.size:
+            away = np.abs(corner - self.start.z[i])
+            if away.min(initial=np.inf) <= TOLERANCE.vertex_gap * profile.size:
                 free[self.unknowns.column[i, 0]] = False
         return free
 
@@ -153,7 +170,7 @@ class Problem:
         measures = self.measures(x)
         if measures is None or not (total := float(measures.material.value.sum())) > 0.0:
             return None
-        gradient = np.zeros(self.unknowns.count + 1)
+        amount, gradient = total / self._unit, np.zeros(self.unknowns.count + 1)
         slope = measures.material.reshape(self.unknowns.layout.n_cells, 4).sum(axis=1).slope
         np.add.at(gradient, self.unknowns.local, slope / self._unit)
         blocks = self._blocks(measures)
@@ -164,9 +181,14 @@ class Problem:
             [b.slope.reshape(-1, b.slope.shape[-1]) for b in blocks]
         )
         pins = self.equations(x)
+        objective, downhill = amount, gradient[:-1]
+        if self.wish.objective == "wall":
+            value = np.append(value, 1.0 / self.wish.eta_at_least - amount - _IN_HAND)
+            dense = np.concatenate([dense, -gradient[None]])
+            objective, downhill = 1.0 - x[self.unknowns.wall], -np.eye(self.unknowns.count)[self.unknowns.wall]
         return Values(
-            total / self._unit,
-            gradient[:-1],
+            objective,
+            downhill,
             value,
             dense[:, :-1],
             np.array([e.value for e in pins]),
@@ -189,7 +211,7 @@ class Problem:
         measures = self.measurer(own.reshape(-1, width), np.tile(self._every, 2 * width), guess)
         hessian = np.zeros((self.unknowns.count + 1, self.unknowns.count + 1))
         if measures is not None:
-            gradient = measures.material.reshape(-1, 4).sum(axis=1).slope / self._unit
+            gradient = self._objective_pull(x, own.reshape(-1, width), measures, weight)
             first = 0
             for block in self._blocks(measures):
                 share = weight[first : first + n * block.shape[1]].reshape(n, -1)
@@ -201,6 +223,13 @@ class Problem:
         hessian = hessian[:-1, :-1]
         self._add_pin_curvature(x, pin_weight, hessian)
         return hessian
+
+    def _objective_pull(self, x: Reals, own: Reals, measures: Measures, weight: Reals) -> Reals:
+        """(n, slots) derivatives by cells' `own` unknowns of the objective, and of conditions beyond `_blocks`."""
+        del x, own
+        # A thickest wall is looked for under a bound of the material, the last condition.
+        share = weight[-1] if self.wish.objective == "wall" else 1.0
+        return np.asarray(share * measures.material.reshape(-1, 4).sum(axis=1).slope / self._unit)
 
     def _add_pin_curvature(self, x: Reals, pin_weight: Reals, hessian: Reals) -> None:
         """Pins bend with the outline: each outline vertex by itself."""
@@ -220,11 +249,12 @@ class Problem:
         kinds = [("raise", 1), ("margin", 2), ("face", 4), ("closing angle", 2), ("opening angle", 2)]
         if self.wish.panel_m > 0.0:
             kinds.append(("panel", 4))
-        return [Row(kind, cell, k) for kind, width in kinds for cell in range(n) for k in range(width)]
+        rows = [Row(kind, cell, k) for kind, width in kinds for cell in range(n) for k in range(width)]
+        return [*rows, Row("eta", 0, 0)] if self.wish.objective == "wall" else rows
 
     def _blocks(self, measures: Measures) -> list[Jet]:
         """Conditions of all cells, (n, width) each, in the order of `rows` when n is the number of cells."""
-        size = self.start.profile.size
+        size = self.size
         margin, face, angle = (
             cast(Jet, measures.cells.dead_centre_margin),
             cast(Jet, measures.cells.face),

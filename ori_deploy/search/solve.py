@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ori_deploy.design import Embedding, Structure, build, embed
+from ori_deploy.design import ConeStructure, Embedding, Structure, build, build_cone, embed, embed_cone
 from ori_deploy.errors import CellError, LayoutError
 from ori_deploy.layout import Layout
-from ori_deploy.profiles import Profile
+from ori_deploy.profiles import Cone, Profile
 from ori_deploy.profiles.profile import Reals
+from ori_deploy.search.box import BoxProblem
 from ori_deploy.search.problem import Problem
 from ori_deploy.search.sqp import minimise
 from ori_deploy.search.starts import start_embedding
@@ -19,6 +20,12 @@ from ori_deploy.search.wish import Wish
 
 _ON_BOUND = 1e-6
 """Distance from a bound, radians or over the size, at which it counts as active."""
+
+_UNSPOKEN = ("raise", "box")
+"""Conditions that are part of how a problem is put, and no bounds of anybody's."""
+
+_TOLD = 4
+"""Conditions that an error names."""
 
 _PIN_STEPS = 40
 _PINNED = 1e-12
@@ -42,7 +49,7 @@ class Solution:
         Whether the local search came to rest.
     """
 
-    structure: Structure
+    structure: Structure | ConeStructure
     start: int
     active: tuple[str, ...]
     iterations: int
@@ -52,9 +59,16 @@ class Solution:
     def eta(self) -> float:
         return self.structure.eta
 
+    @property
+    def cylinder(self) -> Structure:
+        """The structure of a search on a profile of the plane."""
+        if not isinstance(self.structure, Structure):
+            raise TypeError("a cone's solution has no plane structure")
+        return self.structure
+
 
 def solve(
-    profile: Profile,
+    profile: Profile | Cone,
     layout: Layout,
     wall_m: float,
     wish: Wish | None = None,
@@ -69,11 +83,11 @@ def solve(
     Parameters
     ----------
     profile, layout, wall_m
-        What on what, and the least wall offset, metres.
+        What on what, and the least wall offset, metres; on a cone radians, as all of its lengths.
     wish
         What to look for; the largest eta where left out.
     start
-        Number of a start (`starts.start_embedding`), or an embedding to begin with.
+        Number of a start (`starts.start_embedding`), or an embedding to begin with; of a cone one on its base.
     seed
         Of what is drawn for numbered starts.
     tolerance, most_iterations
@@ -87,35 +101,45 @@ def solve(
         No structure near this start: says which condition fails.
     """
     wish = wish or Wish()
+    cone = profile if isinstance(profile, Cone) else None
+    plane = profile.base if isinstance(profile, Cone) else profile
     wish.check(layout, profile)
-    begin = start if isinstance(start, Embedding) else start_embedding(profile, layout, start, seed)
+    begin = start if isinstance(start, Embedding) else start_embedding(plane, layout, start, seed)
     number = -1 if isinstance(start, Embedding) else start
+    name = "the places given" if number < 0 else f"start {number}"
     # Small matrices: threads of the linear algebra library only get into each other's way.
     with threadpool_limits(1, user_api="blas"):
-        problem = Problem(on_pins(begin, wish), wall_m, wish)
+        problem = Problem(on_pins(begin, wish), wall_m, wish, cone)
         found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
+        if wish.objective == "box_ratio" and found is not None and found.feasible:
+            # The most material saved is where the smallest box is looked for: it cannot get any larger then.
+            problem = BoxProblem(problem.embedding(found.x), wall_m, wish)
+            found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
         if found is None or not found.feasible:
             raise CellError(
-                f"start {number}: no structure meets every condition",
+                f"{name}: no structure meets every condition",
                 value=_worst(problem, found.x) if found is not None else "an opening crease has no place",
-                limit=f"dead-centre margin {np.degrees(wish.margin_rad):.3g} deg, wall {wall_m:.4g} m",
+                limit=f"dead-centre margin {np.degrees(wish.margin_rad):.3g} deg, wall {wall_m:.4g} {problem.unit}",
                 remedy="other starts, a thinner wall, a smaller margin or fewer cells",
             )
         place = on_pins(problem.embedding(found.x), wish, of=problem)
     try:
-        structure = finished(place, wall_m)
+        thick = float(found.x[problem.unknowns.wall]) * problem.size if wish.objective == "wall" else wall_m
+        structure = finished(place, thick, cone)
     except LayoutError as wrong:  # vertices have wandered out of the profile or past each other
         raise CellError(
-            f"start {number}: {wrong.thing}", value=wrong.value, limit=wrong.limit, remedy=wrong.remedy
+            f"{name}: {wrong.thing}", value=wrong.value, limit=wrong.limit, remedy=wrong.remedy
         ) from wrong
     return Solution(structure, number, active_bounds(problem, found.x, structure), found.iterations, found.settled)
 
 
-def finished(place: Embedding, wall_m: float) -> Structure:
+def finished(place: Embedding, wall_m: float, cone: Cone | None = None) -> Structure | ConeStructure:
     """The structure at an embedding, with all the checks that a specification's goes through."""
     layout = place.layout
     outline = {v.id: float(place.s[i]) for i, v in enumerate(layout.vertices) if not v.inner}
     inner = {v.id: (float(place.z[i].real), float(place.z[i].imag)) for i, v in enumerate(layout.vertices) if v.inner}
+    if cone is not None:
+        return build_cone(embed_cone(cone, layout, outline, inner), wall_m)
     return build(embed(place.profile, layout, outline, inner), wall_m)
 
 
@@ -131,17 +155,20 @@ def on_pins(place: Embedding, wish: Wish, of: Problem | None = None) -> Embeddin
         return place
     problem = of or Problem(place, 0.0, wish)
     unknowns = problem.unknowns
-    x = unknowns.pack(place.s, place.z)
+    free = problem.free[: unknowns.count]
+    x = unknowns.pack(place.s, place.z, 0.0)
     for _ in range(_PIN_STEPS):
         pins = problem.equations(x)
         value = np.array([p.value for p in pins])
         if not len(value) or np.abs(value).max() <= _PINNED:
             return problem.embedding(x)
-        slope = np.array([p.slope for p in pins])[:, problem.free]
+        slope = np.array([p.slope for p in pins])[:, free]
         move = np.linalg.lstsq(slope, -value, rcond=1e-10)[0]
-        x[problem.free] += move * min(1.0, 0.2 / max(float(np.abs(move).max()), 1e-300))
+        x[free] += move * min(1.0, 0.2 / max(float(np.abs(move).max()), 1e-300))
     worst = int(np.argmax(np.abs(value)))
-    rivals = sorted({p.name for p in pins if p.name != pins[worst].name and (p.slope * pins[worst].slope).any()})
+    # Where least squares comes to rest, what is left lies on the equations that contradict each other only.
+    unmet = np.abs(value) > 1e-3 * np.abs(value).max()
+    rivals = sorted({p.name for p, left in zip(pins, unmet, strict=True) if left and p.name != pins[worst].name})
     raise LayoutError(
         f"pin {pins[worst].name}: cannot hold",
         value=f"{abs(value[worst]) * place.profile.size:.3g} m off",
@@ -151,28 +178,35 @@ def on_pins(place: Embedding, wish: Wish, of: Problem | None = None) -> Embeddin
 
 
 def _worst(problem: Problem, x: Reals) -> str:
+    """The conditions that are furthest from holding; (3) itself only where it is the only one."""
     values = problem.values(x)
     if values is None:
         return "an opening crease has no place"
-    k = int(np.argmin(values.inequality))
-    row = problem.rows[k]
-    return f"{row.kind} of cell {problem.start.layout.cell_ids[row.cell]} short by {-values.inequality[k]:.3g}"
+    short = -values.inequality
+    order = [k for k in np.argsort(-short)[:_TOLD] if short[k] >= 0.5 * short.max()]
+    named = [k for k in order if problem.rows[k].kind not in _UNSPOKEN] or order
+    names = problem.start.layout.cell_ids
+    return ", ".join(
+        f"{problem.rows[k].kind} of {names[problem.rows[k].cell]} short by {short[k]:.3g}" for k in named
+    )
 
 
-def active_bounds(problem: Problem, x: Reals, structure: Structure) -> tuple[str, ...]:
+def active_bounds(problem: Problem, x: Reals, structure: Structure | ConeStructure) -> tuple[str, ...]:
     """Bounds that the structure sits on."""
     values, names = problem.values(x), structure.layout.cell_ids
     found: list[str] = []
     if values is not None:
         for row, value in zip(problem.rows, values.inequality, strict=True):
-            if row.kind != "raise" and value < _ON_BOUND:
+            if row.kind == "eta" and value < _ON_BOUND:
+                found.append(f"eta at least {problem.wish.eta_at_least:.6g}")
+            elif row.kind not in _UNSPOKEN and value < _ON_BOUND:
                 found.append(f"{row.kind} of {names[row.cell]} at {_WHERE[row.kind][row.corner]}")
         a, b = problem.order
         loop = [structure.layout.vertices[i].id for i in structure.layout.outline]
         for k in np.flatnonzero(a @ x + b < _ON_BOUND):
             found.append(f"distance of {loop[k]} and {loop[(k + 1) % len(loop)]}")
-    if structure.wall_m > 0.0:
-        found.append(f"wall {structure.wall_m:.4g} m")
+    if problem.wall_m > 0.0 and problem.wish.objective != "wall":
+        found.append(f"wall {problem.wall_m:.4g} {problem.unit}")
     return tuple(found)
 
 

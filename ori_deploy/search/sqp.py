@@ -38,6 +38,10 @@ _STILL = 1e-6
 
 _REPAIRS = 60
 
+_CORRECTIONS = 3
+_WORTH = 0.7
+"""Part of a promised fall at which a step is good enough to be taken uncorrected, and the region grows."""
+
 _HOLDS = 1e-8
 """Weight of a condition, over the penalty, above which it counts as held with equality."""
 
@@ -134,10 +138,14 @@ def minimise(
                 settled = here.violation <= _FEASIBLE
                 break
             continue
-        if gained > 0.7 * promised and np.abs(step.move).max() > 0.8 * region:
+        if gained > _WORTH * promised and np.abs(step.move).max() > 0.8 * region:
             region = min(2.5 * region, largest)
         x, here, hessian = new, there, None
         weight, pin_weight = step.weight, step.pin_weight
+        if here.violation <= _FEASIBLE:  # a penalty that a repair has raised would forbid any bend from here on
+            penalty = min(
+                penalty, max(_PENALTY * here.objective, 3.0 * float(weight.sum() + np.abs(pin_weight).sum()))
+            )
         unmoved = np.eye(len(x))[step.bound_weight > _HOLDS * penalty]
         if watch is not None:
             watch(x, here)
@@ -200,20 +208,29 @@ def _convex(hessian: Reals, held: Reals, free: NDArray[np.bool_]) -> Reals:
 def _tried(
     problem: Problem, x: Reals, here: Values, hessian: Reals, step: Step, region: float, penalty: float
 ) -> tuple[Reals, Values | None]:
-    """Where a step leads; corrected once for the bend of the conditions where that spoils it."""
+    """Where a step leads; corrected for the bend of the conditions while that spoils it.
+
+    One correction is not enough: what it leaves is of third order, but weighed with the penalty.
+    """
+    wanted = _merit(here, penalty) - _WORTH * _promise(here, hessian, step, penalty)
     new = x + step.move
     there = problem.values(new)
-    if there is None or _merit(there, penalty) < _merit(here, penalty) or there.violation <= here.violation:
+    if there is None or there.violation <= here.violation:
         return new, there
-    bent = replace(
-        here,
-        inequality=there.inequality - here.inequality_slope @ step.move,
-        equation=there.equation - here.equation_slope @ step.move,
-    )
-    corrected = x + _solve(problem, x, bent, hessian, region, penalty).move
-    at_corrected = problem.values(corrected)
-    if at_corrected is not None and _merit(at_corrected, penalty) < _merit(there, penalty):
-        return corrected, at_corrected
+    move, at = step.move, there
+    for _ in range(_CORRECTIONS):
+        if _merit(there, penalty) <= wanted:
+            break
+        bent = replace(
+            here,
+            inequality=at.inequality - here.inequality_slope @ move,
+            equation=at.equation - here.equation_slope @ move,
+        )
+        move = _solve(problem, x, bent, hessian, region, penalty).move
+        corrected = problem.values(x + move)
+        if corrected is None or _merit(corrected, penalty) >= _merit(there, penalty):
+            break
+        new, there, at = x + move, corrected, corrected
     return new, there
 
 
@@ -254,7 +271,7 @@ def _solve(problem: Problem, x: Reals, here: Values, hessian: Reals, region: flo
     p = np.zeros((n + 1, n + 1))
     p[:n, :n] = hessian[np.ix_(free, free)]
     low, high = np.full(n + 1, -region), np.full(n + 1, region)
-    raises = np.flatnonzero(free >= problem.unknowns.n_places)
+    raises = np.flatnonzero((free >= problem.unknowns.n_places) & (free <= problem.unknowns.wall))
     low[raises] = np.maximum(-region, -x[free[raises]])
     low[n], high[n] = 0.0, np.inf
     solver = piqp.DenseSolver()

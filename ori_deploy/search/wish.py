@@ -12,11 +12,11 @@ import numpy as np
 from ori_deploy.design import Embedding
 from ori_deploy.errors import LayoutError
 from ori_deploy.layout import Layout
-from ori_deploy.profiles import Profile
+from ori_deploy.profiles import Cone, Profile
 from ori_deploy.profiles.profile import Points, Reals
 from ori_deploy.search.measures import Unknowns
 
-Objective = Literal["eta", "box_ratio"]
+Objective = Literal["eta", "box_ratio", "wall"]
 Axis = Literal["x", "y"]
 
 
@@ -158,21 +158,25 @@ class Wish:
     Attributes
     ----------
     objective
-        What to maximise: "eta", or "box_ratio", the cross-section's area over the folded stack's box.
+        What to maximise: "eta"; "box_ratio", the cross-section's area over the folded stack's box; or "wall",
+        the least wall offset, while eta is at least `eta_at_least`.
     margin_rad
         Least dead-centre margin at every closing crease.
     panel_m
         Least length of a panel.
     pins
         What has to hold exactly.
+    eta_at_least
+        Goes with the objective "wall".
     """
 
     objective: Objective = "eta"
     margin_rad: float = float(np.radians(2.0))
     panel_m: float = 0.0
     pins: tuple[Pin, ...] = ()
+    eta_at_least: float = 1.0
 
-    def check(self, layout: Layout, profile: Profile) -> None:
+    def check(self, layout: Layout, profile: Profile | Cone) -> None:
         """Refuse pins that name what is not there, or bounds that nothing can satisfy."""
         if not 0.0 <= self.margin_rad < 0.5 * np.pi:
             raise LayoutError(
@@ -184,6 +188,14 @@ class Wish:
                 "panel_m: not a length of a panel", value=f"{self.panel_m:.6g} m",
                 limit=f"0 <= panel_m < {profile.size:.6g} m", remedy="give metres",
             )  # fmt: skip
+        if not self.eta_at_least > 0.0:
+            raise LayoutError(
+                "eta_at_least: not a packaging ratio", value=self.eta_at_least, limit="> 0", remedy="for example 2"
+            )
+        if self.objective == "box_ratio" and isinstance(profile, Cone):
+            raise LayoutError(
+                "objective box_ratio: not on a cone", limit="eta, or wall with eta_at_least", remedy="choose one"
+            )
         for pin in self.pins:
             for name in _names(pin):
                 if all(v.id != name for v in layout.vertices):
