@@ -20,6 +20,7 @@ from ori_deploy.profiles import Cone, Profile
 from ori_deploy.search import Failure, Job, Solution, best_first, run_jobs
 from ori_deploy.search.many import Result, worth
 from ori_deploy.search.spars import refuse_too_few_cells, spar_start, sparred_layouts
+from ori_deploy.search.starts import start_embedding
 
 _LOOKED_AT = 100
 """Solutions, the best first, among which one that deploys without touching is looked for."""
@@ -144,7 +145,7 @@ def _jobs(spec: Spec, profile: Profile | Cone, request: Request) -> Iterator[Job
     else:
         given = None if request.cells is not None else spec.embedding(plane)
         layout = _ring(request.cells or 0) if given is None else given.layout
-        wish = wanted.wish(given)
+        wish = wanted.wish(start_embedding(plane, layout, 0, request.seed) if given is None else given)
         begins: list[int | Embedding] = [*([given] if given is not None else []), *range(request.starts)]
         for begin in begins[: max(request.starts, 1)]:
             yield Job("as given" if given is not None else "ring", profile, layout, wall, wish, begin, request.seed)

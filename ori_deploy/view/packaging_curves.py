@@ -23,8 +23,8 @@ _KINDS = 7
 def draw_packaging(points: Sequence[PackagingPoint]) -> Figure:
     """Draw Fig. 4c: eta above, the coefficient of variation of the cells' areas below.
 
-    The best of each aspect and number of cells is one filled marker, other maxima are faint ones; lines with the gid
-    `limit-<aspect>` are equation (8).
+    The best of each aspect and number of cells is one filled marker, what other starts led to is faint; lines
+    with the gid `limit-<aspect>` are equation (8).
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _add_key(axes: Axes, aspects: Sequence[float]) -> None:
     entries += [
         Line2D([], [], color=INK, linewidth=1.1, label="continuum limit, equation (8)"),
         Line2D([], [], linestyle="none", marker="o", markersize=4.2, markerfacecolor="none", markeredgecolor=FAINT,
-               label="other local maxima"),
+               label="from other starts"),
     ]  # fmt: skip
     axes.legend(handles=entries, loc="upper left")
 

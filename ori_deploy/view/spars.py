@@ -52,7 +52,7 @@ def draw_sparred_section(structure: Structure, spars: Sequence[Sequence[int]]) -
 
 def _part_names(figure: Figure, axes: Axes) -> None:
     """Move names outwards, the way they already stand off, until none lies on another; slits' names stay."""
-    renderer = FigureCanvasAgg(figure).get_renderer()
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     names = [text for text in axes.texts if isinstance(text, Annotation)]
     placed: list[Bbox] = []
     for name in sorted(names, key=lambda text: not text.get_text().startswith("slit")):

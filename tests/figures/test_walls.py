@@ -27,8 +27,8 @@ def ellipse_only(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("ellipse_only")
 def test_a_thick_wall_has_a_maximum_and_the_row_ends_at_the_dead_centre() -> None:
-    # Half as thick as anyone would: the row is short.
-    points, interrupted = wall_points((0.05,), 12, starts=1)
+    # Thicker than anyone would: the row is short.
+    points, interrupted = wall_points((0.08,), 12, starts=1)
     assert not interrupted
     assert [p.n_cells for p in points] == list(range(3, 3 + len(points)))
     assert np.isnan([p.eta for p in points[-2:]]).all()
