@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from benchmarks import control, geometry, layouts
+from benchmarks import control, geometry, layouts, search
 
 geometry.main()
 control.main()
 layouts.main()
+search.main()

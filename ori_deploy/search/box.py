@@ -8,7 +8,6 @@ unknowns, and every end kept between them, what is left is smooth.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +117,7 @@ class BoxProblem(Problem):
     def _ends(self, x: Reals, measures: Measures) -> Jet:
         """(n_cells, 5) lengths along the folded cells, over the size."""
         vertices = self.measurer.vertices(self.unknowns.of_cells(x), self._every)
-        return cast(Jet, ends(measures, vertices) / self.size)
+        return ends(measures, vertices) / self.size
 
     def box_m(self, x: Reals) -> tuple[float, float] | None:
         """Length and height of the stack at `x`, metres; None where it cannot be built."""

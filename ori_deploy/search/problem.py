@@ -24,6 +24,9 @@ _FACE = 1e-4
 _ANGLE = 2e-3
 """Least inner angle at a closing crease, and least turn at an opening one, radians."""
 
+_PANEL = 1e-3
+"""Least length of a panel over the size where none is asked for: with less, an inner vertex has run into the skin."""
+
 _GAP = 1e-3
 """Least distance of vertices along the outline, over its length."""
 
@@ -246,9 +249,7 @@ class Problem:
     def rows(self) -> list[Row]:
         """What each inequality is, in order."""
         n = self.unknowns.layout.n_cells
-        kinds = [("raise", 1), ("margin", 2), ("face", 4), ("closing angle", 2), ("opening angle", 2)]
-        if self.wish.panel_m > 0.0:
-            kinds.append(("panel", 4))
+        kinds = [("raise", 1), ("margin", 2), ("face", 4), ("closing angle", 2), ("opening angle", 2), ("panel", 4)]
         rows = [Row(kind, cell, k) for kind, width in kinds for cell in range(n) for k in range(width)]
         return [*rows, Row("eta", 0, 0)] if self.wish.objective == "wall" else rows
 
@@ -260,16 +261,14 @@ class Problem:
             cast(Jet, measures.cells.face),
             cast(Jet, measures.cells.angle),
         )
-        blocks = [
+        return [
             measures.raised[:, 1:] / size,  # at d; at c it is an unknown with a bound
             margin - (self.wish.margin_rad + _IN_HAND),
             face / size - _FACE,
             angle[:, 2:] - _ANGLE,
             np.pi - _ANGLE - angle[:, :2],
+            (measures.length - max(self.wish.panel_m, _PANEL * size)) / size - _IN_HAND,
         ]
-        if self.wish.panel_m > 0.0:
-            blocks.append((measures.length - self.wish.panel_m) / size - _IN_HAND)
-        return blocks
 
     def equations(self, x: Reals) -> list[Equation]:
         """The pins at `x`."""

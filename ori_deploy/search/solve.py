@@ -15,6 +15,7 @@ from ori_deploy.profiles.profile import Reals
 from ori_deploy.search.box import BoxProblem
 from ori_deploy.search.problem import Problem
 from ori_deploy.search.sqp import minimise
+from ori_deploy.search.stack import Stack
 from ori_deploy.search.starts import start_embedding
 from ori_deploy.search.wish import Wish
 
@@ -104,6 +105,8 @@ def solve(
     cone = profile if isinstance(profile, Cone) else None
     plane = profile.base if isinstance(profile, Cone) else profile
     wish.check(layout, profile)
+    if wish.objective == "box_ratio":
+        Stack(layout)  # refuses what does not fold flat before anything is searched
     begin = start if isinstance(start, Embedding) else start_embedding(plane, layout, start, seed)
     number = -1 if isinstance(start, Embedding) else start
     name = "the places given" if number < 0 else f"start {number}"
@@ -113,7 +116,7 @@ def solve(
         found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
         if wish.objective == "box_ratio" and found is not None and found.feasible:
             # The most material saved is where the smallest box is looked for: it cannot get any larger then.
-            problem = BoxProblem(problem.embedding(found.x), wall_m, wish)
+            problem = BoxProblem(on_pins(problem.embedding(found.x), wish, of=problem), wall_m, wish)
             found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
         if found is None or not found.feasible:
             raise CellError(

@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ori_deploy.design import Cells
 from ori_deploy.design.jet import Jet, stacked
 from ori_deploy.errors import LayoutError
 from ori_deploy.layout import Layout
@@ -80,7 +81,7 @@ def ends(measures: Measures, vertices: Jet) -> Jet:
     vertices
         (n, 4) places of their corners a, c, b, d.
     """
-    cells = measures.cells
+    cells = cast(Cells, measures.cells)
     direction, crease, run = (cast(Jet, x) for x in (cells.direction, cells.crease, cells.run))
     from_a, from_b = vertices[:, 0] - crease[:, 2], vertices[:, 2] - crease[:, 3]
     long = run[:, 0] + run[:, 1]

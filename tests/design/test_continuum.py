@@ -153,7 +153,9 @@ def test_equation_7_of_a_circle_is_closed() -> None:
     assert limit.finite_eta(edges) == pytest.approx(16 * np.pi / (np.roll(width, -1) ** 2).sum(), rel=1e-12)
 
 
-@pytest.mark.parametrize("profile", [Superellipse(1.0, 0.4), Superellipse(1.0, 0.7, 3.0), egg()], ids=repr)
+@pytest.mark.parametrize(
+    "profile", [Superellipse(1.0, 0.4), Superellipse(1.0, 0.7, 3.0), egg()], ids=["ellipse", "superellipse", "egg"]
+)
 def test_equation_7_comes_up_to_8_with_the_best_division_and_not_with_an_even_one(profile: Profile) -> None:
     limit = continuum_limit(profile)
     short = []

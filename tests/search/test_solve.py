@@ -54,7 +54,7 @@ def test_no_evolution_gets_further(profile: Profile, n: int, wall_m: float) -> N
     best = max(solve(profile, layout, wall_m, start=k).eta for k in range(8))
     fixed = {2 + n: 0.0} if profile is WING else {}  # C1 in the trailing edge
     middle = np.array([0.45, 0.03] if profile is WING else [0.0, 0.0])
-    other = evolved(profile, layout, wall_m, Wish(), middle, fixed, 150)
+    other = evolved(profile, layout, wall_m, Wish(), middle, fixed, 40)
     assert other > 0.7 * best  # it has found something to compare with
     assert best >= other - 1e-6
 
@@ -115,7 +115,7 @@ def test_the_same_seed_gives_the_same_bits() -> None:
 # --- bounds ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("margin_deg", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize("margin_deg", [0.5, 2.0, 3.0])
 @pytest.mark.parametrize(("profile", "n", "wall_m"), [(WING, 4, 0.006), (ELLIPSE, 5, 0.03)])
 def test_the_margin_holds_in_what_is_built(profile: Profile, n: int, wall_m: float, margin_deg: float) -> None:
     found = solve(profile, ring_layout(n), wall_m, Wish(margin_rad=float(np.radians(margin_deg))))
@@ -126,7 +126,7 @@ def test_the_margin_holds_in_what_is_built(profile: Profile, n: int, wall_m: flo
 
 
 def test_more_margin_costs_material() -> None:
-    etas = [solve(WING, ring_layout(4), 0.006, Wish(margin_rad=float(np.radians(m)))).eta for m in (0.5, 2.0, 4.0)]
+    etas = [solve(WING, ring_layout(4), 0.006, Wish(margin_rad=float(np.radians(m)))).eta for m in (0.5, 2.0, 3.0)]
     assert etas[0] > etas[1] > etas[2]
 
 
@@ -174,6 +174,12 @@ def test_any_layout_and_outline() -> None:
         found = solve(begin.profile, begin.layout, wall_m, start=begin)
         assert margin(found) >= TWO_DEG
         assert found.eta > build(begin, wall_m).eta
+
+
+def test_an_inner_vertex_does_not_run_into_the_skin() -> None:
+    """From this start eta grows until P stands on an opening vertex, and an inner edge has no length."""
+    found = solve(ELLIPSE, ring_layout(3), 0.0, start=2)
+    assert min(_lengths(found)) >= 1e-3 * ELLIPSE.size
 
 
 def test_a_start_that_cannot_be_mended_says_which_condition_fails() -> None:
