@@ -165,8 +165,9 @@ class SpiralBand:
 
     @property
     def length_m(self) -> float:
-        reach = abs(self.growth**self.turns - 1.0) * self.start_m
-        return float(reach / np.cos(self.ruling_angle_rad))
+        rate = abs(self.rate)
+        stretch = float(np.expm1(self.turns * np.log(self.growth)) / self.rate)
+        return stretch * self.start_m * float(np.hypot(1.0, rate))
 
     def middle(self, arc: ArrayLike) -> Reals:
         """Radius of the middle line."""
@@ -177,9 +178,10 @@ class SpiralBand:
         return middle * np.exp(-self._half), middle * np.exp(self._half)
 
     def area_m2(self, start: float, stop: float) -> float:
-        a, b = (float(self.middle(arc)) for arc in (start, stop))
-        # Half the difference of the squared edges, integrated over the arc.
-        return float(np.sinh(2.0 * self._half) * (b * b - a * a) / (2.0 * self.rate))
+        a = float(self.middle(start))
+        # Half the difference of the squared edges, integrated over the arc; b * b - a * a by its exponent.
+        grown = float(np.expm1(2.0 * self.rate * (stop - start)))
+        return float(np.sinh(2.0 * self._half) * a * a * grown / (2.0 * self.rate))
 
     def unrolled(self, arc: ArrayLike, height: ArrayLike) -> Points:
         """The apex lies at 0, the ruling where the band begins along the imaginary axis."""

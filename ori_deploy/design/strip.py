@@ -121,7 +121,7 @@ class Strip:
         return arcs[(arcs > first + slack) & (arcs < last - slack)]
 
     def polygon(self, piece: Piece, sagitta_m: float) -> Reals:
-        """(n, 2) arc within the panel's own turn and height of a piece's corners, counter-clockwise from outside."""
+        """(n, 2) arc within the panel's own turn and height of a piece's corners, lower edge first."""
         arc = self.band.stations(piece.start, piece.stop, sagitta_m)
         low, high = self.band.edges(arc)
         own = arc - piece.turn * self.band.turn_arc
@@ -167,6 +167,13 @@ def lay_strip(structure: Structure | ConeStructure, band: Band, low_m: float, hi
             a, b = max(start + k * turn, band.first), min(stop + k * turn, band.last)
             if b - a > slack:
                 pieces.append(Piece(opening.after, k, a, b, band.area_m2(a, b)))
+    if not pieces:
+        raise StripError(
+            "strip: shorter than any panel could carry",
+            value=f"{band.length_m:.3g} m",
+            limit=f"more than {TOLERANCE.vertex_gap:g} of a turn",
+            remedy="give more turns",
+        )
     return Strip(band, tuple(sorted(pieces, key=lambda piece: piece.start)), joints)
 
 

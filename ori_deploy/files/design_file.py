@@ -160,7 +160,7 @@ def load_design(path: Path) -> Design:
     try:
         structure = _rebuild(data)
         recorded = np.array([[cell["creases"][c] for c in CREASES] for cell in data["cells"]], dtype=float)
-        span, r_min = float(data["span_m"]), float(data.get("r_min_m", 0.0))
+        span, r_min = _lengths(data)
         segments = read_span(data, structure, span) if isinstance(structure, Structure) else 1
         strip = read_strip(data, structure, r_min, r_min + span)
         name = str(data["name"])
@@ -177,16 +177,67 @@ def load_design(path: Path) -> Design:
     panel_ids = [panel.get("id") for panel in data.get("panels", [])]
     if ids != 2 * [list(structure.layout.cell_ids)] or panel_ids != list(structure.layout.panel_ids):
         raise FileError(f"{path}: ids of cells or panels", limit="c1, c2, … in order", remedy="make the file again")
-    if not (0.0 < span <= 1e4 and 0.0 <= r_min <= 1e4):
-        raise FileError(
-            f"{path}: span_m or r_min_m",
-            value=f"{span:g}, {r_min:g}",
-            limit="span_m > 0, r_min_m >= 0",
-            remedy="make it again with ori-deploy design",
-        )
     design = Design(name, span, structure, digest(path), segments, r_min, strip)
     _compare(path, design.entries, structure.profile.size, recorded, data)
+    _compare_derived(path, data, design_data(design))
     return design
+
+
+def _lengths(data: dict[str, Any]) -> tuple[float, float]:
+    """span_m and r_min_m."""
+    span, r_min = data["span_m"], data.get("r_min_m", 0.0)
+    for key, value, least in (("span_m", span, 1e-12), ("r_min_m", r_min, 0.0)):
+        if type(value) not in (int, float) or not least <= value <= 1e4:
+            raise FileError(
+                key,
+                value=repr(value),
+                limit="a number of metres, span_m > 0, r_min_m >= 0",
+                remedy="make it again with ori-deploy design",
+            )
+    return float(span), float(r_min)
+
+
+def _compare_derived(path: Path, data: dict[str, Any], built: dict[str, Any]) -> None:
+    """Refuse a file any of whose entries is not what its own layout gives: people build from all of them."""
+    where = _difference(data, built, "")
+    if where is not None:
+        raise FileError(
+            f"{path}: {where} is not what the layout gives",
+            limit="as ori-deploy design writes it",
+            remedy="don't edit design files: change the specification and design again",
+        )
+
+
+def _difference(told: Any, built: Any, where: str) -> str | None:
+    """The first entry that differs from the one built, beyond rounding; None where all agree."""
+    if isinstance(built, dict):
+        if not isinstance(told, dict):
+            return where
+        inside = ((f"{where}.{key}" if where else key, told.get(key), value) for key, value in built.items())
+        return next((found for key, a, b in inside if (found := _difference(a, b, key)) is not None), None)
+    if isinstance(built, list):
+        if not isinstance(told, list):
+            return where
+        if len(told) != len(built):
+            # Rounding may add a sample to a drawn outline or leave one out.
+            drawn = where.endswith((".outline", ".polygon")) and abs(len(told) - len(built)) <= 2
+            return None if drawn and _drawn_alike(told, built) else where
+        pairs = enumerate(zip(told, built, strict=True))
+        return next((found for k, (a, b) in pairs if (found := _difference(a, b, f"{where}[{k}]"))), None)
+    if isinstance(built, float) or (isinstance(built, int) and not isinstance(built, bool)):
+        return None if _same(told, built) else where
+    return None if told == built else where
+
+
+def _drawn_alike(told: list[Any], built: list[Any]) -> bool:
+    """Whether two drawn outlines fill the same box."""
+    try:
+        a, b = np.array(told, dtype=float), np.array(built, dtype=float)
+        extent = float(np.ptp(b, axis=0).max())
+        ends = [np.abs(f(a, axis=0) - f(b, axis=0)).max() for f in (np.min, np.max)]
+    except (TypeError, ValueError):
+        return False
+    return bool(max(ends) <= 1e-3 * extent)
 
 
 def _compare(path: Path, shape: ShapeEntries, size: float, recorded: Reals, data: dict[str, Any]) -> None:

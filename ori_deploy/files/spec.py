@@ -49,7 +49,7 @@ class ConeStructureSpec(Strict):
     def _complete(cls, data: Any) -> Any:
         """Fill in what two of the three lengths, and the defaults, say about the others."""
         keys = ("span_m", "r_min_m", "r_max_m")
-        if not isinstance(data, dict) or any(not isinstance(data.get(k, 0.0), int | float) for k in keys):
+        if not isinstance(data, dict) or any(type(data.get(k, 0.0)) not in (int, float) for k in keys):
             return data
         given = {k: float(data[k]) for k in keys if k in data}
         span, r_min = given.get("span_m"), given.get("r_min_m")

@@ -25,6 +25,10 @@ _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(10)
 _GAUSS_NODES = 0.5 * (_GAUSS_NODES + 1.0)
 _GAUSS_WEIGHTS = 0.5 * _GAUSS_WEIGHTS
 
+_HALVINGS = 24
+_LOOKED_AT = np.arange(1, 12) / 12.0
+_MIDDLE = 5
+
 
 def xy(points: Points) -> Reals:
     """(…,) complex points as a (…, 2) array."""
@@ -315,17 +319,24 @@ class Profile(ABC):
         s = np.append(s, stop)
         s[starts] = nodes
         points = self.point(s)
-        for _ in range(8):
-            # Unbounded curvature escapes quadrature: look, and halve what stands off too far.
-            middle = self.point(0.5 * (s[:-1] + s[1:]))
+        for _ in range(_HALVINGS):
+            # Unbounded or wildly changing curvature escapes quadrature: look, and halve what stands off too far.
+            between = self.point(s[:-1] + _LOOKED_AT[:, None] * np.diff(s))
             chord = np.diff(points)
-            off = np.abs((np.conj(chord) * (middle - points[:-1])).imag) / np.maximum(np.abs(chord), 1e-300)
-            far = np.flatnonzero(off > sagitta)
+            along = np.conj(chord / np.maximum(np.abs(chord), 1e-300)) * (between - points[:-1])
+            # From the side itself, not its line: where the outline doubles back it lies beyond an end.
+            beyond = along.real - np.clip(along.real, 0.0, np.abs(chord))
+            far = np.flatnonzero(np.hypot(beyond, along.imag).max(axis=0) > sagitta)
             if not len(far):
-                break
+                return points
             s = np.insert(s, far + 1, 0.5 * (s[far] + s[far + 1]))
-            points = np.insert(points, far + 1, middle[far])
-        return points
+            points = np.insert(points, far + 1, between[_MIDDLE, far])
+        raise ProfileError(
+            f"profile: too finely folded to be sampled near ({points[far[0]].real:.6g}, {points[far[0]].imag:.6g}) m",
+            value=f"still more than {sagitta:.3g} m off after {_HALVINGS} halvings",
+            limit="a curve that is smooth at this scale",
+            remedy="make the outline less sharply folded there",
+        )
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether each complex point lies inside the sampled outline (even-odd rule)."""

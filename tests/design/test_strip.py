@@ -242,3 +242,15 @@ def test_a_spiral_cannot_begin_at_the_apex() -> None:
 def test_less_than_a_turn_may_be_wider_than_the_rise() -> None:
     strip = helix(structure("ellipse 4"), SPAN, pitch_m=0.01, width_m=0.3, turns=0.9)
     assert sum(p.area_m2 for p in strip.pieces) == pytest.approx(strip.area_m2, rel=1e-4)
+
+
+def test_a_band_too_short_for_any_panel_is_refused() -> None:
+    with pytest.raises(StripError, match="shorter than any panel"):
+        helix(structure("ellipse 4"), 0.5, pitch_m=0.1, width_m=0.05, turns=1e-9)
+
+
+@given(st.floats(1e-15, 1e-3), st.floats(0.1, 3.0))
+def test_a_spiral_that_hardly_grows_is_an_arc(growth: float, turns: float) -> None:
+    band = SpiralBand(3.0, 1.0 + growth, 0.25, turns, 1.0)
+    grown = band.growth - 1.0  # what of it the number 1 + growth can hold
+    assert band.length_m == pytest.approx(3.0 * turns, rel=2.0 * turns * grown + 1e-12)

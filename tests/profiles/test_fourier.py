@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ori_deploy.errors import InputError, ProfileError
 from ori_deploy.files import build_from_file, load_spec
-from ori_deploy.profiles import Clover, Heart, from_description
+from ori_deploy.profiles import Clover, Heart, from_description, xy
+from ori_deploy.tolerance import TOLERANCE
 
 clovers = st.builds(Clover, st.floats(1e-3, 1e3), st.floats(0.01, 0.95), st.integers(2, 12), resolution=st.just(96))
 
@@ -125,3 +127,12 @@ def test_a_file_that_says_it_wrong_names_the_key(tmp_path: Path, profile: str, k
     file.write_text(f'schema = "ori-deploy/spec/1"\n[profile]\n{profile}\n{_REST}')
     with pytest.raises(InputError, match=f"profile.{key}"):
         load_spec(file)
+
+
+@pytest.mark.parametrize(("depth", "leaves"), [(0.99, 12), (0.97, 24), (0.999, 24), (0.6, 3)])
+def test_samples_keep_their_distance_where_the_outline_doubles_back(depth: float, leaves: int) -> None:
+    p = Clover(1.0, depth, leaves)
+    sagitta = TOLERANCE.sagitta * p.size
+    drawn = shapely.LineString(xy(p.sample(0.0, p.period, sagitta)))
+    true = shapely.points(xy(p.point(np.linspace(0.0, p.period, 40_001))))
+    assert float(shapely.distance(drawn, true).max()) <= 1.5 * sagitta
