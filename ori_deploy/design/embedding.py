@@ -196,11 +196,16 @@ def _refuse_hidden(e: Embedding, edge: NDArray[np.intp], what: str) -> None:
     name, other = (a.id, b.id) if a.inner else (b.id, a.id)
     z = e.z[edge[0] if a.inner else edge[1]]
     centre = star_centre(e.profile)
+    step = 1e-4 * e.profile.size  # as fine as a person would place it; adding 0 makes no zero negative
+
+    def told(x: float) -> str:
+        return f"{round(x / step) * step + 0.0:.6g}"
+
     raise LayoutError(
         f"profile: not star-shaped from inner vertex {name}",
         value=f"({z.real:.6g}, {z.imag:.6g}) m: edge {a.id}-{b.id} {what}",
         limit="the only inner vertex sees all of the outline",
-        remedy=f"place {name} at ({centre.real:.4g}, {centre.imag:.4g}) m, or move {other}"
+        remedy=f"place {name} at ({told(centre.real)}, {told(centre.imag)}) m, or move {other}"
         if centre is not None
         else f"no place sees all of this outline: move {other}, or use a layout with more inner vertices",
     )
