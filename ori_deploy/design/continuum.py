@@ -168,7 +168,7 @@ def continuum_limit(profile: Profile, center: complex | None = None) -> Continuu
     _check_outline(profile)
     area = integrate(profile, lambda s: _moments(profile, s)[0]).total.real
     inner = centroid(profile) if center is None else complex(center)
-    _check_inside(profile, inner)
+    _check_inside(profile, inner, chosen=center is not None)
     return ContinuumLimit(profile, inner, area, integrate(profile, lambda s: _root_material(profile, s, inner)))
 
 
@@ -258,17 +258,26 @@ def _all_straight(profile: Profile) -> bool:
     return bool((np.abs((np.conj(df) * ddf).imag) <= 1e-12 * np.abs(df) ** 3 / profile.size).all())
 
 
-def _check_inside(profile: Profile, center: complex) -> None:
+def _check_inside(profile: Profile, center: complex, *, chosen: bool) -> None:
     """A convex outline is star-shaped from every place inside it, and from no other."""
     tangent = np.diff(profile.table_f, append=profile.table_f[0])
-    away = (np.conj(tangent / np.abs(tangent)) * (center - profile.table_f)).imag
-    if not float(away.min()) > _ON_OUTLINE * profile.size:
+    away = float((np.conj(tangent / np.abs(tangent)) * (center - profile.table_f)).imag.min())
+    if away > _ON_OUTLINE * profile.size:
+        return
+    if away > 0.0 or not chosen:  # inside, and all but on the outline
+        flat = "use an outline that is less slender"
         raise ProfileError(
-            "center: the outline is not star-shaped from there",
-            value=f"({center.real:.6g}, {center.imag:.6g}) m",
-            limit="inside the outline",
-            remedy="move it inside, or leave it out for the centroid",
+            f"{'center' if chosen else 'centroid'}: too near the outline to tell apart",
+            value=f"{max(away, 0.0):.3g} m from it",
+            limit=f"more than {_ON_OUTLINE:g} of the outline's size, {_ON_OUTLINE * profile.size:.3g} m",
+            remedy=f"move it inwards, or {flat}" if chosen else flat,
         )
+    raise ProfileError(
+        "center: the outline is not star-shaped from there",
+        value=_place(profile, center),
+        limit="inside the outline",
+        remedy="move it inside, or leave it out for the centroid",
+    )
 
 
 # --- superellipses -----------------------------------------------------------------------------------

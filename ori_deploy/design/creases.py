@@ -8,11 +8,12 @@ outline). The crease is the point of the outline where both have the same rim th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ori_deploy.design.crease_search import first_brackets, newton
 from ori_deploy.design.embedding import Embedding
 from ori_deploy.errors import CellError
 from ori_deploy.profiles import Profile
@@ -195,9 +196,11 @@ def crease_roots(profile: Profile, corner: Corners, guess: Reals | None = None) 
     """
     lo = np.where(corner.curved_before, corner.s_before, corner.s_w)
     hi = np.where(corner.curved_after, corner.s_after, corner.s_w)
+    rims = partial(rim_thicknesses, profile, corner)
+    floor, close = 4.0 * np.finfo(float).eps * profile.period, 0.02 * TOLERANCE.root * profile.size
     if guess is not None:
-        return _newton(profile, corner, lo, hi, np.clip(guess, lo, hi))
-    before, after, d_before, d_after = rim_thicknesses(profile, corner, corner.s_w)
+        return newton(rims, lo, hi, np.clip(guess, lo, hi), floor, close)
+    before, after, d_before, d_after = rims(corner.s_w)
     at_w, slope = before - after, d_before - d_after
     at_w[np.abs(at_w) <= TOLERANCE.root * profile.size] = 0.0
     forward = at_w < 0.0
@@ -205,56 +208,10 @@ def crease_roots(profile: Profile, corner: Corners, guess: Reals | None = None) 
     settled = at_w == 0.0
     lo[settled] = hi[settled] = corner.s_w[settled]
     if not profile.is_convex:
-        lo, hi = _first_bracket(profile, corner, lo, hi, forward)
+        lo, hi = first_brackets(rims, lo, hi, forward)
     start = corner.s_w - at_w / np.where(slope > 0.0, slope, 1.0)
     start = np.where((start >= lo) & (start <= hi) & (slope > 0.0), start, 0.5 * (lo + hi))
-    return _newton(profile, corner, lo, hi, start)
-
-
-def _newton(profile: Profile, corner: Corners, lo: Reals, hi: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:
-    """Newton's method kept inside a bracket (difference < 0 at `lo`, > 0 at `hi`), all corners at once.
-
-    Returns
-    -------
-    s and the rim thicknesses before and after at it; (n,) each.
-    """
-    floor = 4.0 * np.finfo(float).eps * profile.period
-    close_enough = 0.02 * TOLERANCE.root * profile.size
-    for _ in range(100):
-        before, after, d_before, d_after = rim_thicknesses(profile, corner, s)
-        g, slope = before - after, d_before - d_after
-        low = g < 0.0
-        lo, hi = np.where(low, s, lo), np.where(low, hi, s)
-        found = (np.abs(g) <= close_enough) | (hi - lo <= floor)
-        if found.all():
-            break
-        step = s - g / np.where(slope == 0.0, 1.0, slope)
-        usable = (slope > 0.0) & (step >= lo) & (step <= hi)
-        new = np.where(found, s, np.where(usable, step, 0.5 * (lo + hi)))
-        if (np.abs(new - s) <= floor).all():
-            break
-        s = new
-    return s, before, after
-
-
-def _first_bracket(profile: Profile, corner: Corners, lo: Reals, hi: Reals, forward: Flags) -> tuple[Reals, Reals]:
-    """Narrow each bracket to its first sign change seen from the opening vertex, for outlines with hollows."""
-    share = np.linspace(0.0, 1.0, 33)[1:]
-    near = np.where(forward, lo, hi)
-    far = np.where(forward, hi, lo)
-    found = far.copy()
-    previous = near.copy()
-    open_still = near != far
-    for t in share:
-        s = near + t * (far - near)
-        before, after, _, _ = rim_thicknesses(profile, corner, s)
-        crossed = open_still & (np.where(forward, before - after, after - before) >= 0.0)
-        found[crossed] = s[crossed]
-        open_still &= ~crossed
-        previous[open_still] = s[open_still]
-        if not open_still.any():
-            break
-    return np.where(forward, previous, found), np.where(forward, found, previous)
+    return newton(rims, lo, hi, start, floor, close)
 
 
 def _curved_spans(

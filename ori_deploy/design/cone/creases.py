@@ -10,12 +10,14 @@ great circle: the curved panel just touches the bond plane.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ori_deploy.design.cone.embedding import ConeEmbedding
+from ori_deploy.design.crease_search import first_brackets, newton
 from ori_deploy.errors import CellError
 from ori_deploy.profiles.cone import Cone
 from ori_deploy.profiles.profile import Reals
@@ -212,9 +214,11 @@ def crease_roots(cone: Cone, corner: ConeCorners, guess: Reals | None = None) ->
     small = negligible(cone)
     lo = np.where(corner.curved_before, corner.s_before, corner.s_w)
     hi = np.where(corner.curved_after, corner.s_after, corner.s_w)
+    rims = partial(rim_thicknesses, cone, corner)
+    floor, close = 4.0 * np.finfo(float).eps * cone.period, 0.02 * small
     if guess is not None:
-        return _newton(cone, corner, lo, hi, np.clip(guess, lo, hi))
-    before, after, _, _ = rim_thicknesses(cone, corner, corner.s_w)
+        return newton(rims, lo, hi, np.clip(guess, lo, hi), floor, close)
+    before, after, _, _ = rims(corner.s_w)
     at_w = before - after
     at_w[np.abs(at_w) <= small] = 0.0
     forward = at_w < 0.0
@@ -222,46 +226,8 @@ def crease_roots(cone: Cone, corner: ConeCorners, guess: Reals | None = None) ->
     settled = at_w == 0.0
     lo[settled] = hi[settled] = corner.s_w[settled]
     if not cone.is_convex:
-        lo, hi = _first_bracket(cone, corner, lo, hi, forward)
-    return _newton(cone, corner, lo, hi, 0.5 * (lo + hi))
-
-
-def _newton(cone: Cone, corner: ConeCorners, lo: Reals, hi: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:
-    """Newton's method kept inside a bracket (difference < 0 at `lo`, > 0 at `hi`), all corners at once."""
-    floor = 4.0 * np.finfo(float).eps * cone.period
-    close_enough = 0.02 * negligible(cone)
-    for _ in range(100):
-        before, after, d_before, d_after = rim_thicknesses(cone, corner, s)
-        gap, slope = before - after, d_before - d_after
-        low = gap < 0.0
-        lo, hi = np.where(low, s, lo), np.where(low, hi, s)
-        found = (np.abs(gap) <= close_enough) | (hi - lo <= floor)
-        if found.all():
-            break
-        step = s - gap / np.where(slope == 0.0, 1.0, slope)
-        usable = (slope > 0.0) & (step >= lo) & (step <= hi)
-        new = np.where(found, s, np.where(usable, step, 0.5 * (lo + hi)))
-        if (np.abs(new - s) <= floor).all():
-            break
-        s = new
-    return s, before, after
-
-
-def _first_bracket(cone: Cone, corner: ConeCorners, lo: Reals, hi: Reals, forward: Flags) -> tuple[Reals, Reals]:
-    """Narrow each bracket to its first sign change seen from the opening vertex, for outlines with hollows."""
-    near, far = np.where(forward, lo, hi), np.where(forward, hi, lo)
-    found, previous = far.copy(), near.copy()
-    open_still = near != far
-    for t in np.linspace(0.0, 1.0, 33)[1:]:
-        s = near + t * (far - near)
-        before, after, _, _ = rim_thicknesses(cone, corner, s)
-        crossed = open_still & (np.where(forward, before - after, after - before) >= 0.0)
-        found[crossed] = s[crossed]
-        open_still &= ~crossed
-        previous[open_still] = s[open_still]
-        if not open_still.any():
-            break
-    return np.where(forward, previous, found), np.where(forward, found, previous)
+        lo, hi = first_brackets(rims, lo, hi, forward)
+    return newton(rims, lo, hi, 0.5 * (lo + hi), floor, close)
 
 
 def _dips(cone: Cone, corner: ConeCorners, s: Reals, u: Vectors) -> Reals:
