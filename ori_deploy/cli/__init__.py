@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
-from ori_deploy.cli.commands import main
+from ori_deploy.cli.starting import quiet_interrupts
+
+with quiet_interrupts():
+    from ori_deploy.cli.commands import main
 
 __all__ = ["main"]

@@ -24,6 +24,7 @@ from ori_deploy.view import draw_spanwise, draw_strip, to_png, to_svg
 from ori_deploy.view.fold_rows import FoldRow, draw_fold_rows
 from ori_deploy.view.heatmap import draw_heatmap
 from ori_deploy.view.packaging_curves import draw_packaging, draw_walls
+from ori_deploy.view.sheet import add_head
 from ori_deploy.view.spars import draw_sparred_section
 
 _FOLDS = (0.0, 0.12, 0.35, 0.65, 1.0)
@@ -75,21 +76,28 @@ class Made:
     sheets: dict[str, Figure] = field(default_factory=dict)
     interrupted: bool = False
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write everything, each file whole or not at all; the data of an interrupted one as NAME.part.csv."""
-        ending = ".part.csv" if self.interrupted else ".csv"
+    def write(self, folder: Path, *, preview: bool = False) -> list[Path]:
+        """Write everything, each file whole or not at all.
+
+        The data of an interrupted figure go to NAME.part.csv. A preview says so on every picture, and all its
+        files are NAME.quick.*: it never takes the place of the real figure.
+        """
+        quick = ".quick" if preview else ""
+        ending = f"{quick}.part.csv" if self.interrupted else f"{quick}.csv"
         written = []
         for stem, table in self.tables.items():
             if table.rows:
                 written.append(folder / f"{stem}{ending}")
                 write_atomically(written[-1], table.csv())
         for stem, sheet in self.sheets.items():
-            written += [folder / f"{stem}.png", folder / f"{stem}.svg"]
+            if preview:
+                add_head(sheet, f"{stem}: PREVIEW, made with --quick")
+            written += [folder / f"{stem}{quick}.png", folder / f"{stem}{quick}.svg"]
             write_atomically(written[-2], to_png(sheet))
             write_atomically(written[-1], to_svg(sheet))
         if not self.interrupted:
             for stem in self.tables:
-                (folder / f"{stem}.part.csv").unlink(missing_ok=True)
+                (folder / f"{stem}{quick}.part.csv").unlink(missing_ok=True)
         return written
 
 
@@ -150,8 +158,9 @@ def _fig4c(effort: Effort, steps: Steps) -> Made:
 
 
 def _fig4d(effort: Effort, steps: Steps) -> Made:
+    del effort
     steps.expect(1)
-    found = data.efficiency_map(13, 10) if effort.quick else data.efficiency_map()
+    found = data.efficiency_map()
     sheet = draw_heatmap(
         found.exponent, found.aspect, found.eta_per_cell,
         x_label="exponent m", y_label="aspect γ", value_label="packaging ratio per cell, equation (8)",

@@ -34,7 +34,7 @@ NAMES = ("fig3", "fig4a", "fig4c", "fig4d", "fig5", "walls")
     help="Folder to write to; made if it is not there.",
 )
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes for searches.  [default: one per processor]")
-@click.option("--quick", is_flag=True, help="A preview: few points, few starts.")
+@click.option("--quick", is_flag=True, help="A preview, as NAME.quick.*: few points, few starts.")
 def figures(names: tuple[str, ...], out: Path, workers: int | None, quick: bool) -> None:
     """Make the paper's figures, each as PNG and SVG, and the data behind them as CSV. All when none is named.
 
@@ -55,16 +55,17 @@ def figures(names: tuple[str, ...], out: Path, workers: int | None, quick: bool)
     effort = Effort(workers or default_workers(), quick)
     rows: list[tuple[str, str]] = []
     told: str | None = None
+    endings = "NAME.quick.*: previews, as PNG, SVG and CSV" if quick else "of each PNG, SVG and CSV"
     with StopRequest() as stop, _bar() as bar:
         for name in wanted:
             made = _made(partial(MAKERS[name], effort), bar, name, stop)
-            written = made.write(out) if made is not None else []
+            written = made.write(out, preview=quick) if made is not None else []
             if made is None or made.interrupted:
                 told = _interrupted(out, [row[0] for row in rows], name, made, written)
                 break
             rows.append((name, made.told))
     if rows:
-        print_table(f"figures in {out}", [*rows, ("written", "of each PNG, SVG and CSV")])
+        print_table(f"figures in {out}", [*rows, ("written", endings)])
     if told is not None:
         click.echo(told, err=True)
         sys.exit(EXIT_INTERRUPTED)

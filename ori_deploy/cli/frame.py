@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
@@ -17,6 +17,12 @@ from ori_deploy.errors import InputError, OriDeployError
 EXIT_BAD_INPUT = 2
 EXIT_NOT_DONE = 1
 EXIT_INTERRUPTED = 130
+
+
+_NO_WORDS: tuple[type[Exception], ...] = tuple(
+    kind for kind in [getattr(click.exceptions, "NoArgsIsHelpError", None)] if kind is not None
+)
+"""What newer versions of click raise for a group without a command; older ones print its help themselves."""
 
 
 class _Screen(Console):
@@ -35,6 +41,30 @@ class Commands(click.Group):
     0: done. 1: carried out, but the structure is not where it was meant to be. 2: bad input.
     """
 
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        try:
+            status = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+        except click.exceptions.Abort:
+            if not standalone_mode:
+                raise
+            click.echo("interrupted", err=True)
+            sys.exit(EXIT_INTERRUPTED)
+        except click.ClickException as wrong:
+            if not standalone_mode:
+                raise
+            _show(wrong)
+            sys.exit(wrong.exit_code)
+        if not standalone_mode:
+            return status
+        sys.exit(status if isinstance(status, int) else 0)
+
     def invoke(self, ctx: click.Context) -> Any:
         # What matters of a log message is in the result; a bug still shows its traceback.
         logging.basicConfig(level=logging.CRITICAL)
@@ -49,6 +79,17 @@ class Commands(click.Group):
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
             sys.exit(EXIT_INTERRUPTED)
+
+
+def _show(wrong: click.ClickException) -> None:
+    """What click found wrong with the words of a command, in the one line that all other errors have."""
+    if isinstance(wrong, _NO_WORDS):
+        wrong.show()  # the help
+        return
+    ctx = wrong.ctx if isinstance(wrong, click.UsageError) else None
+    text = " ".join(wrong.format_message().split()).removesuffix(".")
+    remedy = f"; remedy: see {ctx.command_path} --help" if ctx is not None else ""
+    click.echo(f"error: {text}{remedy}", err=True)
 
 
 def print_table(title: str, rows: Iterable[tuple[str, str]]) -> None:

@@ -13,6 +13,9 @@ from ori_deploy.errors import InputError, ProfileError
 from ori_deploy.files import load_spec
 from ori_deploy.profiles import Profile
 
+_ROUNDING = 1e-12
+"""Coordinates below this share of the outline's size are 0."""
+
 
 @click.command(
     help="Print the continuum limit, the paper's equation (8), of the profile in SPEC: the packaging ratio that "
@@ -37,12 +40,13 @@ def limit(spec: Path, center: tuple[float, float] | None, as_json: bool) -> None
     except InputError as wrong:
         wrong.source = wrong.source or str(spec)
         raise
+    center_m = _shown(found.center, profile)
     if as_json:
         data = {
             "profile": profile.describe(),
             "area": found.area,
             "eta_per_cell": found.eta_per_cell,
-            "center_m": [found.center.real, found.center.imag],
+            "center_m": center_m,
         }
         click.echo(json.dumps(data, allow_nan=False))
         return
@@ -51,6 +55,11 @@ def limit(spec: Path, center: tuple[float, float] | None, as_json: bool) -> None
         [
             ("eta per cell", f"{found.eta_per_cell:.7g}"),
             ("area", f"{found.area:.7g} m2"),
-            ("inner vertex", f"({1e3 * found.center.real:.3f}, {1e3 * found.center.imag:.3f}) mm"),
+            ("inner vertex", "({:.3f}, {:.3f}) mm".format(*(round(1e3 * c, 3) + 0.0 for c in center_m))),
         ],
     )
+
+
+def _shown(place: complex, profile: Profile) -> list[float]:
+    """(x, y) in metres without what only rounding has left of a 0."""
+    return [0.0 if abs(c) < _ROUNDING * profile.size else c for c in (place.real, place.imag)]

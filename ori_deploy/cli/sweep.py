@@ -15,7 +15,7 @@ from ori_deploy.cli.frame import EXIT_INTERRUPTED, console, print_table, warn
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.cli.steps import SPEC_ENDING, refuse_overwriting
 from ori_deploy.errors import InputError
-from ori_deploy.files import SweepSpec, load_spec, load_sweep
+from ori_deploy.files import load_spec, load_sweep
 from ori_deploy.files.spec import SPEC_SCHEMA
 from ori_deploy.files.text import read_toml
 from ori_deploy.sweep import Backend, Cluster, Grid, Job, Processes, Store, Sweep, jobs_of, parse_grid
@@ -57,11 +57,10 @@ def sweep(
     refuse_overwriting(path, spec, *([grid_file] if grid_file else []))
     if workers is not None and address is not None:
         raise InputError("--workers: goes without --dask", remedy="a cluster has the workers it has")
-    document, grid = _wanted(spec, grid_file)
+    grid, jobs = _wanted(spec, grid_file)
     with Store(path, grid.axes) as store, StopRequest() as stop:
         if retry_failed:
             store.forget_failed()
-        jobs = jobs_of(document, grid, spec.parent)
         backend: Backend = Processes(workers) if address is None else Cluster(address)
         under_way = Sweep(store, backend, stop=lambda: stop.requested)
         _carry_out(under_way, jobs, len(grid))
@@ -71,10 +70,9 @@ def sweep(
         sys.exit(EXIT_INTERRUPTED)
 
 
-def _wanted(spec: Path, grid_file: Path | None) -> tuple[dict[str, Any], Grid]:
-    """The specification as its file has it, checked but for what the grid replaces, and the grid."""
+def _wanted(spec: Path, grid_file: Path | None) -> tuple[Grid, Iterator[Job]]:
+    """The grid and its jobs; the specification is checked but for what the grid replaces."""
     document = read_toml(spec, SPEC_SCHEMA)
-    source = grid_file or spec
     if grid_file is not None:
         wanted = load_sweep(grid_file)
     else:
@@ -87,14 +85,11 @@ def _wanted(spec: Path, grid_file: Path | None) -> tuple[dict[str, Any], Grid]:
                 source=str(spec),
             )
         wanted = own
-    return document, _grid(wanted, source)
-
-
-def _grid(wanted: SweepSpec, source: Path) -> Grid:
     try:
-        return parse_grid(wanted.grid, wanted.seed)
+        grid = parse_grid(wanted.grid, wanted.seed)
+        return grid, jobs_of(document, grid, spec.parent)
     except InputError as wrong:
-        wrong.source = wrong.source or str(source)
+        wrong.source = wrong.source or str(grid_file or spec)
         raise
 
 
@@ -145,6 +140,10 @@ def _print(spec: Path, path: Path, grid: Grid, store: Store, under_way: Sweep) -
         best = max(found, key=lambda row: float(row["eta"]))
         where = ", ".join(f"{name} = {_shown(best.get(name))}" for name in grid.names)
         rows.append(("best eta", f"{best['eta']:.5g} at {where or 'the specification'}"))
+    infeasible = [row for row in store.rows() if row["status"] == INFEASIBLE]
+    if infeasible:
+        where = ", ".join(f"{name} = {_shown(infeasible[0].get(name))}" for name in grid.names)
+        rows.append((f"first of {len(infeasible)} infeasible", f"{where}: {infeasible[0]['error']}"))
     print_table(
         f"{spec.name.removesuffix(SPEC_ENDING)}: {len(store.rows())} designs", [*rows, ("written", str(path))]
     )

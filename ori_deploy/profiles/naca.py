@@ -230,7 +230,7 @@ def chord_crossing(profile: Profile, x_chord: float, side: Side, nose: float, ch
     roots.sort()
     distinct = [r for k, r in enumerate(roots) if k == 0 or r - roots[k - 1] > 1e-9 * profile.period]
     if len(distinct) != 1:
-        x = profile.point(s).real / chord
+        x = np.round(profile.point(s).real / chord, 9) + 0.0  # for people: no roundings of 0, no -0
         raise ProfileError(
             f"x_chord: {len(distinct) or 'no'} places on the {side} side",
             value=x_chord,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ori_deploy.sweep.backends import Backend, Cluster, Processes
-from ori_deploy.sweep.grid import Grid, Job, jobs_of, parse_grid
+from ori_deploy.sweep.grid import Grid, Job, parse_grid
 from ori_deploy.sweep.job import run_job
+from ori_deploy.sweep.jobs import jobs_of
 from ori_deploy.sweep.run import Sweep
 from ori_deploy.sweep.store import Store
 

@@ -7,9 +7,10 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
@@ -71,6 +72,16 @@ def _end_with(parent: BaseProcess) -> None:
     os._exit(1)
 
 
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes that begin here never get an interrupt, not even while they are still loading."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class Processes:
     """Worker processes of this machine.
 
@@ -98,7 +109,8 @@ class Processes:
 
     def submit(self, run: Run, job: Job) -> Future[Row]:
         try:
-            future = self._pool.submit(run, job)
+            with _interrupts_held():
+                future = self._pool.submit(run, job)
         except BrokenProcessPool as broken:
             raise WorkerLost(self._how()) from broken
         self._ours |= set(multiprocessing.active_children()) - self._others

@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import copy
-import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 from math import prod
-from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-import ori_deploy
-from ori_deploy.errors import InputError
-from ori_deploy.files import Spec
-from ori_deploy.files.text import read_text, refuse_keys
-from ori_deploy.layout import folds_flat_with_some_slits, layouts
+from ori_deploy.errors import InputError, LayoutError
+from ori_deploy.layout import PlaneTree, folds_flat_with_some_slits, layouts
 
 Start = int | str
 """Number of a start of the optimiser, or "given": the places that the specification gives."""
@@ -26,7 +16,7 @@ Start = int | str
 GIVEN = "given"
 MOST_JOBS = 1_000_000
 
-_OWN = ("start", "optimize", "layouts")
+OWN = ("start", "optimize", "layouts")
 """Axes that are no keys of a specification; a layout is named by its code."""
 
 
@@ -120,7 +110,7 @@ def parse_grid(table: dict[str, Any], seed: int = 0) -> Grid:
             )
     if not flat:
         raise InputError("sweep.grid: empty", limit="one key or more", remedy='for example "structure.wall_m" = [0]')
-    order = [name for name in flat if name not in _OWN] + [
+    order = [name for name in flat if name not in OWN] + [
         name for name in ("layouts", "optimize", "start") if name in flat
     ]
     grid = Grid(tuple((name, tuple(flat[name])) for name in order), seed)
@@ -148,6 +138,8 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, list[A
 def _layout_codes(wanted: Any) -> list[str]:
     """Codes of all layouts that fold flat, of the numbers of cells and of inner vertices wanted."""
     if isinstance(wanted, list) and all(isinstance(code, str) for code in wanted):
+        for code in wanted:
+            _refuse_code(code)
         return wanted
     if not (isinstance(wanted, dict) and set(wanted) <= {"cells", "inner"} and "cells" in wanted):
         raise InputError(
@@ -167,6 +159,22 @@ def _layout_codes(wanted: Any) -> list[str]:
     ]
 
 
+def _refuse_code(code: str) -> None:
+    """Refuse what is no layout, or none that folds flat."""
+    try:
+        tree = PlaneTree.from_code(code)
+    except LayoutError as wrong:
+        wrong.thing = f"sweep.grid.layouts: {wrong.thing}"
+        raise
+    if folds_flat_with_some_slits(tree.vertices, tree.cells) is not None:
+        raise InputError(
+            "sweep.grid.layouts: cannot fold flat, whatever its slits",
+            value=code,
+            limit="layouts that fold flat",
+            remedy="copy a code that ori-deploy layouts --foldable prints",
+        )
+
+
 def _is_start(value: Any) -> bool:
     return value == GIVEN or (type(value) is int and value >= 0)
 
@@ -175,67 +183,6 @@ def _refuse(name: str, values: Any, right: Any, limit: str) -> None:
     for value in values:
         if not right(value):
             raise InputError(f"sweep.grid.{name}: not a value", value=repr(value), limit=limit, remedy="mend it")
-
-
-def files_of(document: dict[str, Any], folder: Path) -> dict[str, str]:
-    """Texts of the files that a specification's profile refers to, by the names it gives them."""
-    found: dict[str, str] = {}
-    queue: list[Any] = [document.get("profile")]
-    while queue:
-        table = queue.pop()
-        if isinstance(table, dict):
-            name = table.get("file")
-            if isinstance(name, str):
-                found[name] = read_text(folder / name)
-            queue += table.values()
-    return found
-
-
-def jobs_of(document: dict[str, Any], grid: Grid, folder: Path) -> Iterator[Job]:
-    """All jobs of a grid; combinations that come to the same job are made once.
-
-    Parameters
-    ----------
-    document
-        The specification, as its file holds it; its `sweep` table does not count.
-    folder
-        Where its files are looked up.
-
-    Raises
-    ------
-    InputError
-        A key that the specification cannot have, when called; a file that cannot be read, when its job comes up.
-    """
-    base = {key: value for key, value in document.items() if key != "sweep"}
-    _check_keys(base, grid)
-    return _combinations(base, grid, folder)
-
-
-def _combinations(base: dict[str, Any], grid: Grid, folder: Path) -> Iterator[Job]:
-    seen: set[str] = set()
-    for chosen in product(*(values for _, values in grid.axes)):
-        job = _job(base, dict(zip(grid.names, chosen, strict=True)), grid.seed, folder)
-        if job.digest not in seen:
-            seen.add(job.digest)
-            yield job
-
-
-def _job(base: dict[str, Any], values: dict[str, Any], seed: int, folder: Path) -> Job:
-    document = copy.deepcopy(base)
-    for name, value in values.items():
-        if name not in _OWN:
-            set_key(document, name, value)
-    optimize = bool(values.get("optimize", False))
-    what: dict[str, Any] = {
-        "document": document,
-        "files": files_of(document, folder),
-        "layout": values.get("layouts") if optimize else None,
-        "start": values.get("start", GIVEN if "layouts" not in values else 0) if optimize else GIVEN,
-        "optimize": optimize,
-        "seed": seed if optimize else 0,
-    }
-    written = json.dumps({"version": ori_deploy.__version__, **what}, sort_keys=True)
-    return Job(hashlib.sha256(written.encode()).hexdigest(), values, **what)
 
 
 def set_key(document: dict[str, Any], key: str, value: Any) -> None:
@@ -263,16 +210,3 @@ def set_key(document: dict[str, Any], key: str, value: Any) -> None:
             remedy="mend its name, or add its table",
         )
     here[last] = value
-
-
-def _check_keys(base: dict[str, Any], grid: Grid) -> None:
-    """Refuse keys that no specification has before a thousand jobs fail on them one by one."""
-    document = copy.deepcopy(base)
-    for name, values in grid.axes:
-        if name not in _OWN:
-            set_key(document, name, values[0])
-    try:
-        Spec.model_validate(document)
-    except ValidationError as wrong:
-        if any(error["type"] == "extra_forbidden" for error in wrong.errors()):
-            raise refuse_keys("sweep.grid", document, wrong) from wrong

@@ -22,8 +22,26 @@ def optimised(job: Job, spec: Spec, folder: Path) -> Structure | ConeStructure:
     InputError
         No structure near this start.
     """
+    refuse_unsweepable(job, spec)
     profile = spec.profile.make(folder)
     wanted, wall = spec.wanted()
+    if job.layout is None:
+        place = spec.embedding(profile.base if isinstance(profile, Cone) else profile)
+        start = place if job.start == GIVEN else int(job.start)
+        return solve(profile, place.layout, wall, wanted.wish(place), start=start, seed=job.seed).structure
+    layout = layout_of(PlaneTree.from_code(job.layout))
+    return solve(profile, layout, wall, wanted.wish(None), start=int(job.start), seed=job.seed).structure
+
+
+def refuse_unsweepable(job: Job, spec: Spec) -> None:
+    """Refuse wishes that a sweep cannot meet, and those of the specification's own vertices where it has others.
+
+    Raises
+    ------
+    InputError
+        Spars; or start "given", pins or symmetry together with a layout.
+    """
+    wanted = spec.optimize or OptimizeSpec()
     if wanted.spars:
         raise InputError(
             "optimize.spars: not in a sweep",
@@ -32,16 +50,7 @@ def optimised(job: Job, spec: Spec, folder: Path) -> Structure | ConeStructure:
             remedy="ori-deploy design SPEC --optimize --search-layouts --cells K",
         )
     if job.layout is None:
-        place = spec.embedding(profile.base if isinstance(profile, Cone) else profile)
-        start = place if job.start == GIVEN else int(job.start)
-        return solve(profile, place.layout, wall, wanted.wish(place), start=start, seed=job.seed).structure
-    _refuse_places(job, wanted)
-    layout = layout_of(PlaneTree.from_code(job.layout))
-    return solve(profile, layout, wall, wanted.wish(None), start=int(job.start), seed=job.seed).structure
-
-
-def _refuse_places(job: Job, wanted: OptimizeSpec) -> None:
-    """Refuse what speaks of the specification's own vertices where another layout takes their place."""
+        return
     told = {"start": job.start == GIVEN, "optimize.pins": bool(wanted.pins), "optimize.symmetric": wanted.symmetric}
     for name, given in told.items():
         if given:

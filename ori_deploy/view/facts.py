@@ -9,7 +9,7 @@ import numpy as np
 
 from ori_deploy.design import ConeStructure, Structure
 from ori_deploy.files import Design
-from ori_deploy.motion import Plan
+from ori_deploy.motion import Mechanism, Plan, SpanFolding
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import Summary, summarise
@@ -46,7 +46,9 @@ def _sides(lengths_m: Sequence[float]) -> str:
     return " by ".join(_mm(length) for length in lengths_m)
 
 
-def key_facts(design: Design | None, plan: Plan | None, run: Run | None) -> tuple[Fact, ...]:
+def key_facts(
+    design: Design | None, plan: Plan | None, run: Run | None, folding: SpanFolding | None = None
+) -> tuple[Fact, ...]:
     """The few figures that a person looks for first."""
     facts: list[Fact] = []
     if design is not None:
@@ -59,6 +61,9 @@ def key_facts(design: Design | None, plan: Plan | None, run: Run | None) -> tupl
             ),
             Fact("box ratio", f"{ratio:.3f}", f"{whole} over folded box"),
         ]
+    if folding is not None:
+        note = f"the span of {folding.span_m:.4g} m in {folding.segments} segments"
+        facts.append(Fact("stowed length", _mm(folding.length_m), note))
     if plan is not None:
         facts.append(
             Fact(
@@ -74,6 +79,49 @@ def key_facts(design: Design | None, plan: Plan | None, run: Run | None) -> tupl
         facts += [Fact(f"{r.command} took", f"{r.duration_s:.2f} s", str(r.outcome)) for r in run.results]
     elif plan is not None:
         facts.append(Fact("planned duration", f"{plan.duration_s:.2f} s", "flat to deployed"))
+    return tuple(facts)
+
+
+def folding_of(design: Design | None) -> SpanFolding | None:
+    """How the span folds; None where it is in one piece."""
+    if design is None or design.span_segments == 1 or not isinstance(design.structure, Structure):
+        return None
+    return SpanFolding(Mechanism(design.structure), design.span_m, design.span_segments)
+
+
+def span_facts(folding: SpanFolding | None, plan: Plan | None) -> tuple[Fact, ...]:
+    """Of a span in segments: its hinges, how it is folded by hand, what it stows to. Nothing of one in one piece."""
+    facts: list[Fact] = []
+    stage = None if plan is None else plan.span
+    if folding is not None:
+        facts.append(Fact("segments", str(folding.segments), f"each {_mm(folding.length_m)} long"))
+        facts += [
+            Fact(
+                f"piano hinge {hinge.id}",
+                f"panel {hinge.panel}",
+                f"{hinge.side} face of the flat stack, up to {_mm(hinge.length_m)} long",
+            )
+            for hinge in folding.hinges
+        ]
+        facts.append(Fact("stowed box", _sides(folding.stowed_box_m), f"box ratio {folding.stowed_box_ratio:.3f}"))
+    elif stage is not None:
+        facts.append(Fact("segments", str(stage.segments), f"on piano hinges {', '.join(stage.hinge_ids)}"))
+        facts.append(Fact("stowed box", _sides(stage.stowed_box_m)))
+    if stage is not None:
+        orders = ", ".join(order.replace("_", " ") for order in stage.free_orders)
+        facts += [
+            Fact(
+                "unfolding",
+                f"{stage.duration_s:.2f} s, by hand",
+                "only while the cells are flat: before they open, after they have closed",
+            ),
+            Fact("hinges may fold", orders or "in no order", "checked for contact between segments"),
+            Fact(
+                "deepest penetration",
+                f"at most {_mm(stage.deepest_penetration_m)}",
+                f"between segments, all hinges in step; allowed {_mm(stage.allowed_penetration_m)}",
+            ),
+        ]
     return tuple(facts)
 
 
@@ -239,7 +287,7 @@ def provenance_facts(
                 by_digest.setdefault(digest, []).append(source)
         facts += [Fact(f"{name} sha256", d, f"according to {' and '.join(by)}") for d, by in by_digest.items()]
         if len(by_digest) > 1:
-            disagree = " and ".join(by[0] for by in by_digest.values())
+            disagree = " and ".join(by[0].replace("its", f"the {name}") for by in by_digest.values())
             warnings.append(f"These do not belong together: {disagree} name different {name}s.")
     if run is not None:
         facts += [

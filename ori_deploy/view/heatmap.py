@@ -8,9 +8,12 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from ori_deploy.profiles.profile import Reals
 from ori_deploy.view.ink import INK, PAPER, house_style
 
 _LEVELS = 8
+_ROOM = 0.045
+"""Least distance of a contour's name from the frame, over the frame's sides: half of the name's length."""
 
 
 def draw_heatmap(
@@ -50,7 +53,7 @@ def draw_heatmap(
         axes.grid(False)
         mesh = axes.pcolormesh(across, up, shown, cmap="viridis", shading="gouraud", rasterized=True)
         lines = axes.contour(across, up, shown, levels=_LEVELS, colors=PAPER, linewidths=0.8)
-        names = axes.clabel(lines, fontsize=8.0, fmt="%.3g", inline_spacing=4, manual=_middles(lines))
+        names = axes.clabel(lines, fontsize=8.0, fmt="%.3g", inline_spacing=4, manual=_middles(lines, across, up))
         for name in names:
             name.set_color(PAPER)
             name.set_path_effects([patheffects.withStroke(linewidth=1.6, foreground=INK)])
@@ -65,12 +68,33 @@ def draw_heatmap(
     return figure
 
 
-def _middles(lines: QuadContourSet) -> list[tuple[float, float]]:
-    """The middle of every contour's longest piece: a name there is not cut off by the frame."""
+def _middles(lines: QuadContourSet, x: Reals, y: Reals) -> list[tuple[float, float]]:
+    """Where the names of contours go: nearest to the middle of the longest piece, with room up to the frame.
+
+    A contour that nowhere has that room goes without a name; the colour bar has it.
+    """
+    corner, size = np.array([x[0], y[0]]), np.array([np.ptp(x), np.ptp(y)])
     middles = []
     for pieces in lines.allsegs:
-        longest = max(pieces, key=len, default=())
-        if len(longest) > 2:
-            x, y = longest[len(longest) // 2]
-            middles.append((float(x), float(y)))
+        places = max(
+            (_evenly((piece - corner) / size) for piece in pieces if len(piece) > 1), key=_length, default=None
+        )
+        if places is None:
+            continue
+        room = np.minimum(places, 1.0 - places).min(axis=1) >= _ROOM
+        if room.any():
+            from_middle = np.abs(np.arange(len(places)) - 0.5 * (len(places) - 1))
+            at = places[int(np.argmin(np.where(room, from_middle, np.inf)))] * size + corner
+            middles.append((float(at[0]), float(at[1])))
     return middles
+
+
+def _evenly(piece: Reals) -> Reals:
+    """(101, 2) places spaced evenly along a polyline."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(piece, axis=0).T))])
+    even = np.linspace(0.0, along[-1], 101)
+    return np.column_stack([np.interp(even, along, piece[:, k]) for k in (0, 1)])
+
+
+def _length(places: Reals) -> float:
+    return float(np.hypot(*np.diff(places, axis=0).T).sum())

@@ -10,13 +10,23 @@ from markupsafe import Markup
 
 from ori_deploy.design import ConeStructure, Structure
 from ori_deploy.files import Design
-from ori_deploy.motion.plan import Plan
+from ori_deploy.motion import Plan, SpanFolding
 from ori_deploy.telemetry.read import Run
 from ori_deploy.view.events import run_events
-from ori_deploy.view.facts import cell_rows, design_facts, key_facts, plan_facts, provenance_facts, run_facts
+from ori_deploy.view.facts import (
+    cell_rows,
+    design_facts,
+    folding_of,
+    key_facts,
+    plan_facts,
+    provenance_facts,
+    run_facts,
+    span_facts,
+)
 from ori_deploy.view.plan_curves import draw_plan
 from ori_deploy.view.section import draw_section
 from ori_deploy.view.sheet import to_inline_svg
+from ori_deploy.view.spanwise import draw_spanwise
 from ori_deploy.view.strip import draw_strip
 from ori_deploy.view.tracking import draw_tracking
 from ori_deploy.view.verdict import verdict
@@ -48,6 +58,7 @@ def render_report(
     structure: Structure | ConeStructure | None = None,
     span_m: float | None = None,
     r_min_m: float = 0.0,
+    span_segments: int = 1,
     plan: Plan | None = None,
     run: Run | None = None,
     design_sha256: str = "",
@@ -61,6 +72,8 @@ def render_report(
         Of the design, for people.
     structure, span_m, r_min_m
         The design; its span, and the radius from the apex at which a cone's begins, in metres.
+    span_segments
+        How many segments the span is cut into.
     plan
         The plan.
     run
@@ -77,16 +90,19 @@ def render_report(
         raise ValueError("a report needs a design, a plan or a log")
     design = None
     if structure is not None:
-        design = Design(name, 1.0 if span_m is None else span_m, structure, r_min_m=r_min_m)
+        design = Design(
+            name, 1.0 if span_m is None else span_m, structure, span_segments=span_segments, r_min_m=r_min_m
+        )
+    folding = folding_of(design)
     facts, warnings = provenance_facts(design_sha256, plan_sha256, plan, run, version("ori-deploy"))
     template = _environment().get_template("report.html.j2")
     return template.render(
         name=name,
-        verdict=verdict(plan, run),
+        verdict=verdict(plan, run, mixed=bool(warnings)),
         warnings=warnings,
-        key_facts=key_facts(design, plan, run),
-        figures=_figures(name, structure, plan, run),
-        tables=_tables(design, span_m is not None, plan, run),
+        key_facts=key_facts(design, plan, run, folding),
+        figures=_figures(name, structure, folding, plan, run),
+        tables=_tables(design, folding, span_m is not None, plan, run),
         cells=cell_rows(design) if design is not None else (),
         events=run_events(run) if run is not None else (),
         provenance=facts,
@@ -104,11 +120,14 @@ def _environment() -> Environment:
 
 
 def _tables(
-    design: Design | None, span_known: bool, plan: Plan | None, run: Run | None
+    design: Design | None, folding: SpanFolding | None, span_known: bool, plan: Plan | None, run: Run | None
 ) -> dict[str, tuple[object, ...]]:
     tables: dict[str, tuple[object, ...]] = {}
     if design is not None:
         tables["Design"] = design_facts(design, span_known=span_known)
+    span = span_facts(folding, plan)
+    if span:
+        tables["Span in segments"] = span
     if plan is not None:
         tables["Plan"] = plan_facts(plan)
     if run is not None:
@@ -117,11 +136,17 @@ def _tables(
 
 
 def _figures(
-    name: str, structure: Structure | ConeStructure | None, plan: Plan | None, run: Run | None
+    name: str,
+    structure: Structure | ConeStructure | None,
+    folding: SpanFolding | None,
+    plan: Plan | None,
+    run: Run | None,
 ) -> tuple[Illustration, ...]:
     figures: list[Illustration] = []
     if structure is not None:
         figures += [_section(name, structure), _strip(name, structure)]
+    if folding is not None:
+        figures.append(_span(name, folding))
     if plan is not None:
         figures.append(_plan(name, plan))
     if run is not None:
@@ -151,6 +176,20 @@ def _strip(name: str, structure: Structure | ConeStructure) -> Illustration:
         "The fold, flat to deployed",
         "All frames at one scale. Angles are inner angles at the creases, smallest to largest over the cells.",
         to_inline_svg(draw_strip(structure), "strip", label),
+    )
+
+
+def _span(name: str, folding: SpanFolding) -> Illustration:
+    label = (
+        f"Seven stages of stowing {name}: its cells close, then the flat stack folds zig-zag in {folding.segments} "
+        "segments"
+    )
+    return Illustration(
+        "span",
+        "The span, deployed to stowed",
+        "All frames at one scale, seen along the panels. First the cells close; then the flat stack, and only it, "
+        "folds at the piano hinges.",
+        to_inline_svg(draw_spanwise(folding), "span", label),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from typing import Any
 
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,6 +17,28 @@ _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _ID = re.compile(r'(?<= id=")|(?<=href="#)|(?<=url\(#)')
 _NAMESPACE = re.compile(r'\s+xmlns(?::\w+)?="[^"]*"')  # HTML knows what an svg element is
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+
+
+_HEAD: dict[str, Any] = {"fontsize": 9.5, "fontweight": "bold"}
+_HEAD_IN = 0.32
+"""Height of the line that `add_head` puts on top."""
+
+
+def add_head(figure: Figure, text: str) -> None:
+    """Put a line on top of a figure: the page grows by it, and all that is drawn keeps its size."""
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + _HEAD_IN)
+    with house_style():
+        if figure.get_layout_engine() is not None:
+            figure.suptitle(text, x=0.02, ha="left", gid="head", **_HEAD)
+            return
+        share = height / (height + _HEAD_IN)
+        for axes in figure.axes:
+            x, y, wide, tall = axes.get_position(original=True).bounds
+            axes.set_position((x, y * share, wide, tall * share))
+        for words in figure.texts:
+            words.set_y(words.get_position()[1] * share)
+        figure.text(0.02, 0.5 * (1.0 + share), text, va="center", gid="head", **_HEAD)
 
 
 def to_svg(figure: Figure) -> str:

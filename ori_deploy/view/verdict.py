@@ -31,8 +31,22 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def verdict(plan: Plan | None, run: Run | None) -> Verdict:
-    """Judge what is at hand: the last command's end counts, whatever went well before."""
+def verdict(plan: Plan | None, run: Run | None, *, mixed: bool = False) -> Verdict:
+    """Judge what is at hand: the last command's end counts, whatever went well before.
+
+    Parameters
+    ----------
+    mixed
+        Design, plan and log do not belong together: whatever the log says, it says of something else.
+    """
+    judged = _judged(plan, run)
+    if not mixed:
+        return judged
+    alone = () if run is None else (f"The log by itself, of another design or plan: {judged.headline}.",)
+    return Verdict("bad", "Not one run: files that do not belong together", alone + judged.reasons)
+
+
+def _judged(plan: Plan | None, run: Run | None) -> Verdict:
     if run is None:
         if plan is None:
             return Verdict("neutral", "A design: not planned, not carried out", ())

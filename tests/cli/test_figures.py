@@ -20,6 +20,7 @@ from ori_deploy.cli.figures import NAMES
 from ori_deploy.figures import Table
 
 SHEETS = {name: (name,) for name in NAMES} | {"fig5": ("fig5_section", "fig5_fold", "fig5_span")}
+HEAD = '<g id="head">'
 TABLES = {name: (name,) for name in NAMES} | {"fig5": ("fig5", "fig5_vertices")}
 
 
@@ -41,8 +42,8 @@ def test_a_figure_is_written_as_pictures_and_data(name: str, tmp_path: Path) -> 
     done = run("--out", tmp_path / "new" / "folder", "--quick", "--workers", "1", name)
     assert done.exit_code == 0, done.output
     folder = tmp_path / "new" / "folder"
-    wanted = {f"{stem}{ending}" for stem in SHEETS[name] for ending in (".png", ".svg")}
-    wanted |= {f"{stem}.csv" for stem in TABLES[name]}
+    wanted = {f"{stem}.quick{ending}" for stem in SHEETS[name] for ending in (".png", ".svg")}
+    wanted |= {f"{stem}.quick.csv" for stem in TABLES[name]}
     assert {path.name for path in folder.iterdir()} == wanted
     assert name in done.stdout
     for path in folder.iterdir():
@@ -54,8 +55,8 @@ def test_a_figure_is_written_as_pictures_and_data(name: str, tmp_path: Path) -> 
 def test_the_csv_has_what_the_picture_shows(tmp_path: Path) -> None:
     done = run("--out", tmp_path, "--quick", "--workers", "1", "fig4c")
     assert done.exit_code == 0
-    data = rows(tmp_path / "fig4c.csv")
-    svg = (tmp_path / "fig4c.svg").read_text()
+    data = rows(tmp_path / "fig4c.quick.csv")
+    svg = (tmp_path / "fig4c.quick.svg").read_text()
     for aspect in {row["aspect"] for row in data}:
         best = [row for row in data if row["aspect"] == aspect and row["best"] == "yes"]
         (drawn,) = re.findall(rf'<g id="eta-{float(aspect):g}-best">(.*?)</g>\s*</g>', svg, re.DOTALL)
@@ -100,13 +101,28 @@ def test_an_interrupt_keeps_what_is_finished_and_what_was_found(
     done = run("--out", tmp_path, "--quick", "--workers", "1", "fig4a", "fig4c", "fig4d")
     assert done.exit_code == 130
     assert done.stderr.strip() == (
-        f"interrupted: finished and kept: fig4a in {tmp_path}; of fig4c 1 searches in fig4c.part.csv"
+        f"interrupted: finished and kept: fig4a in {tmp_path}; of fig4c 1 searches in fig4c.quick.part.csv"
     )
-    assert {p.name for p in tmp_path.iterdir()} == {"fig4a.png", "fig4a.svg", "fig4a.csv", "fig4c.part.csv"}
-    assert len(rows(tmp_path / "fig4c.part.csv")) == 1
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "fig4a.quick.png", "fig4a.quick.svg", "fig4a.quick.csv", "fig4c.quick.part.csv",
+    }  # fmt: skip
+    assert len(rows(tmp_path / "fig4c.quick.part.csv")) == 1
     monkeypatch.undo()
     assert run("--out", tmp_path, "--quick", "--workers", "1", "fig4c").exit_code == 0
-    assert not (tmp_path / "fig4c.part.csv").exists()
+    assert not (tmp_path / "fig4c.quick.part.csv").exists()
+
+
+def test_a_preview_leaves_the_real_figure_alone_and_says_what_it_is(tmp_path: Path) -> None:
+    real = {}
+    for words in ((), ("--quick",)):
+        assert run("--out", tmp_path, *words, "fig4d").exit_code == 0
+        real = real or {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert {path: path.read_bytes() for path in real} == real
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"fig4d{quick}.{ending}" for quick in ("", ".quick") for ending in ("png", "svg", "csv")
+    }
+    assert HEAD in (tmp_path / "fig4d.quick.svg").read_text()
+    assert HEAD not in (tmp_path / "fig4d.svg").read_text()
 
 
 def test_ctrl_c_on_a_terminal_ends_workers_too(tmp_path: Path) -> None:

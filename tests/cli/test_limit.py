@@ -62,3 +62,27 @@ def test_bad_input_is_one_line_and_status_2(words: tuple[str | Path, ...], why: 
     assert done.stderr.count("\n") == 1
     if words[0] != "not there.toml":
         assert str(words[0]) in done.stderr
+
+
+def test_what_is_left_of_a_nought_by_rounding_is_not_printed(tmp_path: Path) -> None:
+    spec = tmp_path / "a.toml"
+    for profile in (
+        'kind = "clover"\nradius_m = 0.1\ndepth = 0.05',
+        'kind = "ellipse"\na_m = 0.1\nb_m = 0.03',
+    ):
+        spec.write_text(f'schema = "ori-deploy/spec/1"\n[profile]\n{profile}\n[structure]\nspan_m = 1\nwall_m = 0\n')
+        assert "(0.000, 0.000) mm" in run(spec).stdout
+        assert json.loads(run(spec, "--json").stdout)["center_m"] == [0.0, 0.0]
+    assert "(0.000, 0.000) mm" in run(spec, "--center", "-1e-8", "-1e-9").stdout
+
+
+def test_an_outline_too_slender_for_its_own_centroid_is_told_so(tmp_path: Path) -> None:
+    spec = tmp_path / "thin.toml"
+    spec.write_text(
+        'schema = "ori-deploy/spec/1"\n[profile]\nkind = "ellipse"\na_m = 1e4\nb_m = 1e-6\n'
+        "[structure]\nspan_m = 1\nwall_m = 0\n"
+    )
+    done = run(spec)
+    assert done.exit_code == 2
+    assert "slender" in done.stderr
+    assert "leave it out" not in done.stderr

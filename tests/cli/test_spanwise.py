@@ -40,10 +40,15 @@ def test_deploy_waits_for_the_word_and_stow_gives_it(made: Path) -> None:
     assert "span may still be folded" in refused.stderr
     assert "--span-unfolded" in refused.stderr
     assert not list(made.glob("none.mcap*"))
-    done = run("deploy", "wing.plan.json", "--rig", RIG, "--span-unfolded", cwd=made)
+    done = run("deploy", "wing.plan.json", "--rig", RIG, "--span-unfolded", "--log", "run.mcap", cwd=made)
     assert done.returncode == 0, done.stderr
     assert "state deployed" in done.stdout
     assert "span can be folded" not in done.stdout
+    page = made / "run.html"
+    words = ("report", "run.mcap", "--design", "wing.design.json", "--plan", "wing.plan.json", "-o", page)
+    assert run(*words, cwd=made).returncode == 0
+    assert "Span in segments" in page.read_text()
+    assert 'id="title-span"' in page.read_text()
     done = run("stow", "wing.plan.json", "--rig", RIG, cwd=made)
     assert done.returncode == 0, done.stderr
     assert "the span can be folded now, by hand, at hinges h1, h2" in done.stdout

@@ -107,6 +107,21 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path) -> None
     assert all(rows[row["job"]] == row for row in kept)
 
 
+def test_ctrl_c_while_workers_are_still_loading_is_one_line_too(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        words(SPEC, "-o", "a.parquet", "--workers", "2"),
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    while not any(b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children(process)):
+        assert process.poll() is None, process.communicate()
+    time.sleep(0.3)  # Python itself has begun there, its imports have not ended
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130, error
+    assert error.startswith("interrupted: ")
+    assert error.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_a_sweep_that_is_killed_leaves_whole_rows_and_no_workers(tmp_path: Path) -> None:
     process = begun(tmp_path, 400, 2)
@@ -146,7 +161,8 @@ def test_a_worker_that_is_killed_takes_no_design_along(tmp_path: Path) -> None:
         ((SPEC, "--grid", "none.toml"), "none.toml"),
         ((SPEC, "--workers", "2", "--dask", "tcp://127.0.0.1:1"), "--workers"),
         ((SPEC, "-o", SPEC), "is an input"),
-        ((SPEC, "--grid", "bad.toml"), "profile.c_m"),
+        ((SPEC, "--grid", "bad.toml"), "bad.toml: sweep.grid.profile.c_m: not a value"),
+        ((SPEC, "--grid", "thin.toml"), "thin.toml: sweep.grid.structure.wall_m: not a value; found -1.0"),
         ((SPEC, "--grid", "extra.toml"), "seeds"),
     ],
 )
@@ -155,9 +171,22 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     (tmp_path / "bad.toml").write_text('schema = "ori-deploy/sweep/1"\n[grid]\n"profile.c_m" = [1.0]\n')
     (tmp_path / "extra.toml").write_text('schema = "ori-deploy/sweep/1"\nseeds = 1\n[grid]\n"profile.b_m" = [1.0]\n')
+    (tmp_path / "thin.toml").write_text('schema = "ori-deploy/sweep/1"\n[grid]\n"structure.wall_m" = [-1.0]\n')
     before = {p.name for p in tmp_path.iterdir()}
     done = run(*given, cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert message in done.stderr
     assert {p.name for p in tmp_path.iterdir()} == before
+
+
+def test_the_first_reason_is_told_when_designs_cannot_be_built(tmp_path: Path) -> None:
+    (tmp_path / "g.toml").write_text('schema = "ori-deploy/sweep/1"\n[grid]\n"structure.wall_m" = [0.001, 0.04]\n')
+    done = run(SPEC, "--grid", "g.toml", "-o", "a.parquet", "--workers", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (reason,) = [row["error"] for row in table(tmp_path / "a.parquet") if row["error"]]
+    shown = "".join(done.stdout.split())
+    assert "firstof1infeasible" in shown
+    assert "structure.wall_m=0.04:" in shown
+    told = "".join(line.split("│")[2] for line in done.stdout.splitlines() if line.count("│") == 3)
+    assert "".join(reason.split()) in "".join(told.split())

@@ -170,8 +170,10 @@ def test_chord_fraction_is_the_surfaces_x(x: float, side: str) -> None:
 
 
 def test_chord_fraction_beyond_the_chord_says_what_there_is() -> None:
-    with pytest.raises(ProfileError, match=r"no places on the upper side.*x_chord <= 1"):
+    with pytest.raises(ProfileError, match=r"no places on the upper side.* <= x_chord <= 1;"):
         Naca4("2412", 1.0).at_chord(1.2, "upper")
+    with pytest.raises(ProfileError, match=r"no places on the lower side.*place, 0 <= x_chord <= 1;"):
+        Naca4("2412", 0.25).at_chord(1.5, "lower")  # 0, not what rounding left of it
     with pytest.raises(ProfileError, match="no upper and lower side"):
         Superellipse(1.0, 0.5).at_chord(0.2, "upper")
 

@@ -32,3 +32,17 @@ def test_every_value_is_shown_at_its_place_with_its_scale() -> None:
 def test_values_that_do_not_fit_are_refused(value: np.ndarray) -> None:
     with pytest.raises(ValueError, match="value"):
         draw_heatmap([0.0, 1.0, 2.0], [0.0, 1.0], value, **LABELS)
+
+
+@pytest.mark.parametrize("shape", [(61, 46), (13, 10), (5, 4)])
+def test_no_name_of_a_contour_is_cut_by_the_frame(shape: tuple[int, int]) -> None:
+    x, y = np.linspace(2.0, 8.0, shape[0]), np.linspace(0.1, 1.0, shape[1])
+    figure = draw_heatmap(x, y, superellipse_table(y, x), **LABELS)
+    to_png(figure)  # lays it out
+    axes = figure.axes[0]
+    frame = axes.get_window_extent()
+    assert len(axes.texts) >= 5
+    for name in axes.texts:
+        box = name.get_window_extent()
+        assert frame.x0 <= box.x0 < box.x1 <= frame.x1
+        assert frame.y0 <= box.y0 < box.y1 <= frame.y1

@@ -10,7 +10,7 @@ import pytest
 
 from ori_deploy.deploy.result import Fault, FaultKind
 from ori_deploy.design import Structure
-from ori_deploy.motion import Plan
+from ori_deploy.motion import Mechanism, Plan, SpanFolding, plan_span
 from ori_deploy.telemetry.read import Run
 from ori_deploy.view import render_report
 from ori_deploy.view.facts import provenance_facts
@@ -158,3 +158,36 @@ def test_files_that_do_not_belong_together_are_pointed_out(wing_plan: Plan, good
     assert "different plans" in warnings("", "00" * 32, run)[0]
     page = Page(render_report("wing", plan=wing_plan, design_sha256="ee" * 32))
     assert "do not belong together" in page.text
+
+
+def test_a_page_that_mixes_two_runs_is_not_headed_by_the_good_news_of_one(wing_plan: Plan, good_run: Run) -> None:
+    text = render_report("wing", plan=wing_plan, run=good_run, plan_sha256="00" * 32)
+    page = Page(text)
+    headline = re.findall(r"<strong>(.*?)</strong>|<title>(.*?)</title>", text)
+    assert len(headline) == 2
+    assert not any("Deployed" in told for pair in headline for told in pair)
+    assert 'class="verdict bad"' in text
+    assert "do not belong together" in page.verdict
+    assert "The log by itself, of another design or plan: Deployed with every latch confirmed" in page.verdict
+
+
+def test_page_of_a_span_in_segments_shows_how_it_is_stowed(wing: Structure, wing_plan: Plan) -> None:
+    folding = SpanFolding(Mechanism(wing), 1.26, 3)
+    stage = plan_span(folding, 1.0, 2.0, 100.0)
+    planned = replace(wing_plan, span=stage)
+    page = Page(render_report("wing", structure=wing, span_m=1.26, span_segments=3, plan=planned))
+    assert page.tags.count("svg") == 4
+    assert "title-span" in page.ids
+    assert "Span in segments" in page.text
+    for hinge in folding.hinges:
+        assert f"piano hinge {hinge.id}panel {hinge.panel}" in page.text.replace("\n", "")
+    box = " by ".join(f"{1e3 * side:.3g} mm" for side in folding.stowed_box_m)
+    assert f"stowed box{box}" in page.text.replace("\n", "")
+    assert f"{1e3 * folding.length_m:.3g} mm" in page.text
+    assert f"{stage.duration_s:.2f} s, by hand" in page.text
+    assert ", ".join(order.replace("_", " ") for order in stage.free_orders) in page.text
+    of_plan = Page(render_report("wing", plan=planned))
+    assert f"stowed box{box}" in of_plan.text.replace("\n", "")
+    whole = Page(render_report("wing", structure=wing, span_m=1.26, plan=wing_plan))
+    assert "segments" not in whole.text
+    assert "title-span" not in whole.ids
