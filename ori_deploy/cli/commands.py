@@ -68,7 +68,7 @@ def main() -> None:
 @click.option("--cells", type=click.IntRange(1, 200), help="Number of cells, instead of the layout in SPEC: a ring.")
 @click.option("--search-layouts", is_flag=True, help="Try every layout of --cells cells.")
 @click.option("--save-spec", type=_OUT, help="Write what was found as a specification, too.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of starts that are drawn at random.")
+@click.option("--seed", type=click.IntRange(0), help="Of starts that are drawn at random.  [default: 0]")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes.  [default: one per processor]")
 def design(
     spec: Path,
@@ -78,7 +78,7 @@ def design(
     cells: int | None,
     search_layouts: bool,
     save_spec: Path | None,
-    seed: int,
+    seed: int | None,
     workers: int | None,
 ) -> None:
     """Build the structure that SPEC describes, or the best near it.
@@ -92,12 +92,14 @@ def design(
             ("--cells", cells),
             ("--search-layouts", search_layouts or None),
             ("--save-spec", save_spec),
+            ("--seed", seed),
+            ("--workers", workers),
         ):
             if value is not None:
                 raise InputError(f"{name}: goes with --optimize", remedy="add --optimize")
         _print_design(make_design(spec, path))
         return
-    request = Request(starts or 8, cells, search_layouts, seed, workers or default_workers())
+    request = Request(starts or 8, cells, search_layouts, seed or 0, workers or default_workers())
     made, rows = make_optimum(spec, path, request, save_spec)
     _print_design(made, rows)
 

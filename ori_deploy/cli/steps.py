@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from ori_deploy.actuators.resolve import resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import warn
-from ori_deploy.cli.optimise import Request, optimise, tell
+from ori_deploy.cli.optimise import Optimum, Request, optimise, tell
 from ori_deploy.design import ConeStructure, Structure
 from ori_deploy.errors import FileError, MotionError, StripError
 from ori_deploy.files import (
@@ -42,6 +43,21 @@ def refuse_overwriting(output: Path, *inputs: Path) -> None:
             raise FileError(f"{output}: is an input", limit="another file", remedy="choose another name with -o")
 
 
+def refuse_unwritable(*outputs: Path) -> None:
+    """Refuse outputs that cannot be written, or are one another, before anything is worked out for them."""
+    for k, path in enumerate(outputs):
+        if any(path.resolve() == other.resolve() for other in outputs[:k]):
+            raise FileError(f"{path}: two outputs of one name", remedy="choose another name for one of them")
+        folder = path.resolve().parent
+        while not folder.exists():
+            folder = folder.parent
+        if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK) or (path.exists() and not path.is_file()):
+            raise FileError(
+                f"{path}: cannot be written", limit="a file in a folder that can be written to",
+                remedy="check the name and the permissions",
+            )  # fmt: skip
+
+
 def make_design(spec: Path, output: Path) -> tuple[Design, dict[str, Any], Path]:
     """Specification in, design file out; warns about a structure that will not fold."""
     refuse_overwriting(output, spec)
@@ -61,13 +77,23 @@ def make_optimum(
     """
     refuse_overwriting(output, spec)
     if save_as is not None:
-        refuse_overwriting(save_as, spec, output)
+        refuse_overwriting(save_as, spec)
+    refuse_unwritable(output, *([] if save_as is None else [save_as]))
     parsed, optimum = optimise(spec, request)
     made, told = _saved(spec, parsed, optimum.structure, output), tell(optimum)
     if save_as is not None:
-        save_spec(save_as, optimum.structure, spec, f"Found by ori-deploy design {spec.name} --optimize.")
+        save_spec(save_as, optimum.structure, spec, _comment(spec, request, optimum))
         told.append(("specification", str(save_as)))
     return made, told
+
+
+def _comment(spec: Path, request: Request, optimum: Optimum) -> str:
+    """How to find it again."""
+    cut = ", interrupted: the best of what it had tried" if optimum.interrupted else ""
+    return (
+        f"Found by ori-deploy design {spec.name} {request.words}{cut}.\n"
+        f"eta {optimum.solution.eta:.6g}; layout {optimum.layout_name}."
+    )
 
 
 def _saved(
@@ -148,6 +174,7 @@ def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Pat
         structure=built.structure if built is not None else None,
         span_m=built.span_m if built is not None else None,
         r_min_m=built.r_min_m if built is not None else 0.0,
+        span_segments=built.span_segments if built is not None else 1,
         plan=made,
         run=run,
         design_sha256=built.sha256 if built is not None else "",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -56,5 +57,16 @@ def spec_data(structure: Structure | ConeStructure, given: dict[str, Any]) -> di
 def save_spec(path: Path, structure: Structure | ConeStructure, given: Path, comment: str = "") -> None:
     """Write a structure that was found for the specification `given`, whole or not at all."""
     data = spec_data(structure, read_toml(given, SPEC_SCHEMA))
+    data["profile"] = _looked_up_from(path.resolve().parent, given.resolve().parent, data["profile"])
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     write_atomically(path, head + tomli_w.dumps(data))
+
+
+def _looked_up_from(folder: Path, given: Path, profile: dict[str, Any]) -> dict[str, Any]:
+    """A profile's table with its file's name, beside the given specification, as seen from another folder."""
+    seen = dict(profile)
+    if "base" in seen:
+        seen["base"] = _looked_up_from(folder, given, seen["base"])
+    if "file" in seen and not Path(seen["file"]).is_absolute():
+        seen["file"] = Path(os.path.relpath(given / seen["file"], folder)).as_posix()
+    return seen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -55,9 +56,9 @@ class OptimizeSpec(Strict):
     """`[optimize]`; every key may be left out."""
 
     objective: Literal["eta", "box_ratio", "wall"] = "eta"
-    eta_at_least: Annotated[float, Field(strict=True, gt=0.0, le=1e3)] | None = None
-    margin_rad: Annotated[float, Field(strict=True, ge=0.0, lt=1.57)] = float(np.radians(2.0))
-    panel_m: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] = 0.0
+    eta_at_least: Annotated[float, Field(strict=True, gt=0.0, le=1e3, allow_inf_nan=False)] | None = None
+    margin_rad: Annotated[float, Field(strict=True, ge=0.0, lt=1.57, allow_inf_nan=False)] = float(np.radians(2.0))
+    panel_m: Annotated[float, Field(strict=True, ge=0.0, le=1e4, allow_inf_nan=False)] = 0.0
     symmetric: Literal["x", "y"] | None = None
     symmetric_at_m: Finite = 0.0
     pins: tuple[PinSpec, ...] = ()
@@ -71,8 +72,14 @@ class OptimizeSpec(Strict):
         return self
 
     def wish(self, start: Embedding | None) -> Wish:
-        """The wish; `start` says which vertices are mirror images of each other."""
+        """The wish; `start` says where vertices are that stay, and which are mirror images of each other."""
         pins = [p.pin() for p in self.pins]
+        if start is not None:
+            places = {v.id: complex(z) for v, z in zip(start.layout.vertices, start.z, strict=True)}
+            pins = [
+                replace(p, place=places.get(p.vertex)) if isinstance(p, Fixed) and p.place is None else p
+                for p in pins
+            ]
         if self.symmetric is not None and start is not None:
             pins.append(Symmetric.of(start, self.symmetric, self.symmetric_at_m))
         return Wish(self.objective, self.margin_rad, self.panel_m, tuple(pins), self.eta_at_least or 1.0)

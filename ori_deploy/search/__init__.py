@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ori_deploy.search.many import Failure, Job, best_first, run_jobs
+from ori_deploy.search.many import Failure, Job, best_first, closest, run_jobs
 from ori_deploy.search.solve import Solution, solve
 from ori_deploy.search.wish import Fixed, OnLine, Pin, Spar, Symmetric, Wish
 
@@ -17,6 +17,7 @@ __all__ = [
     "Symmetric",
     "Wish",
     "best_first",
+    "closest",
     "run_jobs",
     "solve",
 ]

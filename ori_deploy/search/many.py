@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
-from itertools import islice
 
 from ori_deploy.design import ConeStructure, Embedding
 from ori_deploy.errors import CellError, InputError
 from ori_deploy.layout import Layout
 from ori_deploy.motion import Mechanism
 from ori_deploy.profiles import Cone, Profile
+from ori_deploy.search.processes import Processes
+from ori_deploy.search.shortfall import NoStructureError
 from ori_deploy.search.solve import Solution, solve
-from ori_deploy.search.wish import Wish
+from ori_deploy.search.wish import UnmetPinError, Wish
 
 
 @dataclass(frozen=True)
@@ -44,19 +43,23 @@ Result = tuple[Job, Solution] | Failure
 
 
 def run_job(job: Job) -> Result:
-    """Carry one job out. Pins that contradict each other are the caller's mistake and are raised."""
+    """Carry one job out. What no start can fulfil is the caller's mistake and is raised."""
     try:
         found = solve(
             job.profile, job.layout, job.wall_m, job.wish, start=job.start, seed=job.seed,
             tolerance=job.tolerance, most_iterations=job.most_iterations,
         )  # fmt: skip
-    except CellError as wrong:
+    except (CellError, UnmetPinError) as wrong:
         return Failure(job, wrong)
     return job, found
 
 
 def run_jobs(
-    jobs: Iterable[Job], *, workers: int = 1, watch: Callable[[Result], None] | None = None
+    jobs: Iterable[Job],
+    *,
+    workers: int = 1,
+    watch: Callable[[Result], None] | None = None,
+    stopping: Callable[[], None] | None = None,
 ) -> tuple[list[Result], bool]:
     """Carry jobs out.
 
@@ -68,15 +71,19 @@ def run_jobs(
         Processes; 1 works in this one.
     watch
         Told of every result as it comes.
+    stopping
+        Called once when an interrupt is heard and processes are given a few seconds to finish; a second
+        interrupt ends them at once.
 
     Returns
     -------
-    What came out, and whether an interrupt (Ctrl-C) ended it early.
+    What came out, and whether an interrupt (Ctrl-C) ended it early. A job whose process ended, killed or
+    out of memory, is tried once more in a process of its own, and is then a failure.
 
     Raises
     ------
     LayoutError
-        A wish that no start can fulfil: unknown names, pins that contradict each other.
+        A wish that no start can fulfil, such as unknown names.
     """
     results: list[Result] = []
 
@@ -85,33 +92,47 @@ def run_jobs(
         if watch is not None:
             watch(result)
 
+    def give_up(job: Job, how: str) -> None:
+        take(Failure(job, _lost(job, how)))
+
     try:
         if workers <= 1:
             for job in jobs:
                 take(run_job(job))
         else:
-            _in_processes(iter(jobs), workers, take)
+            Processes(run_job, workers, take, give_up, stopping or _nothing).carry_out(jobs)
     except KeyboardInterrupt:
         return results, True
     return results, False
 
 
-def _in_processes(jobs: Iterable[Job], workers: int, take: Callable[[Result], None]) -> None:
-    queue = iter(jobs)
-    pool = ProcessPoolExecutor(workers, initializer=_leave_interrupts_to_the_parent)
-    try:
-        running: set[Future[Result]] = {pool.submit(run_job, job) for job in islice(queue, 2 * workers)}
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                take(future.result())
-            running |= {pool.submit(run_job, job) for job in islice(queue, len(done))}
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+def _nothing() -> None:
+    pass
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _lost(job: Job, how: str) -> InputError:
+    return InputError(
+        f"{job.name}: the process that searched ended, twice", value=how,
+        remedy="if memory ran short (signal 9), fewer --workers or cells",
+    )  # fmt: skip
+
+
+def closest(failures: Sequence[Failure]) -> InputError:
+    """The error of the failure that came closest to a structure.
+
+    A search that missed its conditions by a little says more than one that could not begin, and both more
+    than pins that did not hold from one start or a process that was killed.
+    """
+
+    def rank(failure: Failure) -> tuple[int, float]:
+        error = failure.error
+        if isinstance(error, NoStructureError):
+            return (-1 if error.of_eta else 0), error.short
+        if isinstance(error, UnmetPinError):
+            return 2, error.off_m
+        return (1, 0.0) if isinstance(error, CellError) else (3, 0.0)
+
+    return min(failures, key=rank).error
 
 
 def worth(solution: Solution, wish: Wish) -> float:

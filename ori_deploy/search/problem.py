@@ -183,6 +183,8 @@ class Problem:
         dense[np.arange(len(value))[:, None], columns] = np.concatenate(
             [b.slope.reshape(-1, b.slope.shape[-1]) for b in blocks]
         )
+        if not (np.isfinite(value).all() and np.isfinite(dense).all()):
+            return None
         pins = self.equations(x)
         objective, downhill = amount, gradient[:-1]
         if self.wish.objective == "wall":
@@ -223,7 +225,8 @@ class Problem:
             ahead, behind = gradient.reshape(2, width, n, width)
             bend = ((ahead - behind) / (2.0 * _STEP)).transpose(1, 0, 2)
             np.add.at(hessian, (local[:, :, None], local[:, None, :]), 0.5 * (bend + bend.transpose(0, 2, 1)))
-        hessian = hessian[:-1, :-1]
+        # Beside a place that can be built there may be one that cannot: the model does without its bend.
+        hessian = np.where(np.isfinite(hessian), hessian, 0.0)[:-1, :-1]
         self._add_pin_curvature(x, pin_weight, hessian)
         return hessian
 

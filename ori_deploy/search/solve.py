@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,19 +14,20 @@ from ori_deploy.profiles import Cone, Profile
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.search.box import BoxProblem
 from ori_deploy.search.problem import Problem
-from ori_deploy.search.sqp import minimise
+from ori_deploy.search.shortfall import PLACES, UNSPOKEN, no_structure
+from ori_deploy.search.sqp import Local, minimise
 from ori_deploy.search.stack import Stack
-from ori_deploy.search.starts import start_embedding
-from ori_deploy.search.wish import Wish
+from ori_deploy.search.starts import start_for
+from ori_deploy.search.wish import UnmetPinError, Wish
 
 _ON_BOUND = 1e-6
 """Distance from a bound, radians or over the size, at which it counts as active."""
 
-_UNSPOKEN = ("raise", "box")
-"""Conditions that are part of how a problem is put, and no bounds of anybody's."""
+_FAR = 0.1
+"""Part of an eta by which it is missed where it counts as far out of reach."""
 
-_TOLD = 4
-"""Conditions that an error names."""
+_ASTRAY = 0.01
+"""Violation, radians or over the size, beyond which a search has gone astray rather than missed narrowly."""
 
 _PIN_STEPS = 40
 _PINNED = 1e-12
@@ -88,7 +89,7 @@ def solve(
     wish
         What to look for; the largest eta where left out.
     start
-        Number of a start (`starts.start_embedding`), or an embedding to begin with; of a cone one on its base.
+        Number of a start (`starts.start_for`), or an embedding to begin with; of a cone one on its base.
     seed
         Of what is drawn for numbered starts.
     tolerance, most_iterations
@@ -97,9 +98,11 @@ def solve(
     Raises
     ------
     LayoutError
-        Pins that contradict each other.
+        A wish that no start can fulfil: unknown names, places off the outline, bounds beyond all sense.
+    UnmetPinError
+        Pins cannot be made to hold from this start; where from none, they contradict each other.
     CellError
-        No structure near this start: says which condition fails.
+        No structure near this start: says which condition fails, a `NoStructureError` by how much.
     """
     wish = wish or Wish()
     cone = profile if isinstance(profile, Cone) else None
@@ -107,11 +110,12 @@ def solve(
     wish.check(layout, profile)
     if wish.objective == "box_ratio":
         Stack(layout)  # refuses what does not fold flat before anything is searched
-    begin = start if isinstance(start, Embedding) else start_embedding(plane, layout, start, seed)
+    begin = start if isinstance(start, Embedding) else start_for(plane, layout, wish, start, seed)
     number = -1 if isinstance(start, Embedding) else start
     name = "the places given" if number < 0 else f"start {number}"
     # Small matrices: threads of the linear algebra library only get into each other's way.
-    with threadpool_limits(1, user_api="blas"):
+    # Trial steps may leave every structure behind; what is not a number there is refused by the search.
+    with threadpool_limits(1, user_api="blas"), np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         problem = Problem(on_pins(begin, wish), wall_m, wish, cone)
         found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
         if wish.objective == "box_ratio" and found is not None and found.feasible:
@@ -119,21 +123,40 @@ def solve(
             problem = BoxProblem(on_pins(problem.embedding(found.x), wish, of=problem), wall_m, wish)
             found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
         if found is None or not found.feasible:
-            raise CellError(
-                f"{name}: no structure meets every condition",
-                value=_worst(problem, found.x) if found is not None else "an opening crease has no place",
-                limit=f"dead-centre margin {np.degrees(wish.margin_rad):.3g} deg, wall {wall_m:.4g} {problem.unit}",
-                remedy="other starts, a thinner wall, a smaller margin or fewer cells",
-            )
+            raise no_structure(name, *_blamed(problem, found, tolerance, most_iterations))
         place = on_pins(problem.embedding(found.x), wish, of=problem)
-    try:
-        thick = float(found.x[problem.unknowns.wall]) * problem.size if wish.objective == "wall" else wall_m
-        structure = finished(place, thick, cone)
-    except LayoutError as wrong:  # vertices have wandered out of the profile or past each other
-        raise CellError(
-            f"{name}: {wrong.thing}", value=wrong.value, limit=wrong.limit, remedy=wrong.remedy
-        ) from wrong
+        try:
+            thick = float(found.x[problem.unknowns.wall]) * problem.size if wish.objective == "wall" else wall_m
+            structure = finished(place, thick, cone)
+        except LayoutError as wrong:  # vertices have wandered out of the profile or past each other
+            raise CellError(
+                f"{name}: {wrong.thing}", value=wrong.value, limit=wrong.limit, remedy=wrong.remedy
+            ) from wrong
     return Solution(structure, number, active_bounds(problem, found.x, structure), found.iterations, found.settled)
+
+
+def _blamed(
+    problem: Problem, found: Local | None, tolerance: float, most_iterations: int
+) -> tuple[Problem, Reals | None]:
+    """The problem to tell a failure of, and where it ended.
+
+    A thickest wall for an eta that is far out of reach misses many conditions alike: what tells is the
+    largest eta without any wall.
+    """
+    wish = problem.wish
+    values = None if found is None else problem.values(found.x)
+    far = values is not None and (
+        values.violation > _ASTRAY or values.inequality[-1] < -_FAR / wish.eta_at_least
+    )  # fmt: skip
+    if wish.objective == "wall" and far:
+        thin = minimise(
+            Problem(problem.start, 0.0, replace(wish, objective="eta"), problem.cone),
+            tolerance=tolerance, most_iterations=most_iterations,
+        )  # fmt: skip
+        if thin is not None and thin.feasible and thin.values.objective > 1.0 / wish.eta_at_least:
+            bare = Problem(problem.start, 0.0, wish, problem.cone)
+            return bare, thin.x
+    return problem, None if found is None else found.x
 
 
 def finished(place: Embedding, wall_m: float, cone: Cone | None = None) -> Structure | ConeStructure:
@@ -151,8 +174,8 @@ def on_pins(place: Embedding, wish: Wish, of: Problem | None = None) -> Embeddin
 
     Raises
     ------
-    LayoutError
-        Pins that contradict each other: names those that cannot hold.
+    UnmetPinError
+        They cannot from here: names those that do not.
     """
     if not wish.pins:
         return place
@@ -172,26 +195,15 @@ def on_pins(place: Embedding, wish: Wish, of: Problem | None = None) -> Embeddin
     # Where least squares comes to rest, what is left lies on the equations that contradict each other only.
     unmet = np.abs(value) > 1e-3 * np.abs(value).max()
     rivals = sorted({p.name for p, left in zip(pins, unmet, strict=True) if left and p.name != pins[worst].name})
-    raise LayoutError(
+    off_m = float(abs(value[worst])) * place.profile.size
+    unmet_pin = UnmetPinError(
         f"pin {pins[worst].name}: cannot hold",
-        value=f"{abs(value[worst]) * place.profile.size:.3g} m off",
+        value=f"{off_m:.3g} m off",
         limit="all pins hold at once" + (f", here with {', '.join(rivals)}" if rivals else ""),
         remedy="drop one of them, or place them where both can hold",
     )
-
-
-def _worst(problem: Problem, x: Reals) -> str:
-    """The conditions that are furthest from holding; (3) itself only where it is the only one."""
-    values = problem.values(x)
-    if values is None:
-        return "an opening crease has no place"
-    short = -values.inequality
-    order = [k for k in np.argsort(-short)[:_TOLD] if short[k] >= 0.5 * short.max()]
-    named = [k for k in order if problem.rows[k].kind not in _UNSPOKEN] or order
-    names = problem.start.layout.cell_ids
-    return ", ".join(
-        f"{problem.rows[k].kind} of {names[problem.rows[k].cell]} short by {short[k]:.3g}" for k in named
-    )
+    unmet_pin.off_m = off_m
+    raise unmet_pin
 
 
 def active_bounds(problem: Problem, x: Reals, structure: Structure | ConeStructure) -> tuple[str, ...]:
@@ -202,8 +214,8 @@ def active_bounds(problem: Problem, x: Reals, structure: Structure | ConeStructu
         for row, value in zip(problem.rows, values.inequality, strict=True):
             if row.kind == "eta" and value < _ON_BOUND:
                 found.append(f"eta at least {problem.wish.eta_at_least:.6g}")
-            elif row.kind not in _UNSPOKEN and value < _ON_BOUND:
-                found.append(f"{row.kind} of {names[row.cell]} at {_WHERE[row.kind][row.corner]}")
+            elif row.kind not in UNSPOKEN and value < _ON_BOUND:
+                found.append(f"{row.kind} of {names[row.cell]} at {PLACES[row.kind][row.corner]}")
         a, b = problem.order
         loop = [structure.layout.vertices[i].id for i in structure.layout.outline]
         for k in np.flatnonzero(a @ x + b < _ON_BOUND):
@@ -211,12 +223,3 @@ def active_bounds(problem: Problem, x: Reals, structure: Structure | ConeStructu
     if problem.wall_m > 0.0 and problem.wish.objective != "wall":
         found.append(f"wall {problem.wall_m:.4g} {problem.unit}")
     return tuple(found)
-
-
-_WHERE: dict[str, tuple[str, ...]] = {
-    "margin": ("a", "b"),
-    "closing angle": ("a", "b"),
-    "opening angle": ("c", "d"),
-    "face": ("a-c", "c-b", "b-d", "d-a"),
-    "panel": ("a-c", "c-b", "b-d", "d-a"),
-}

@@ -16,11 +16,11 @@ import numpy as np
 
 from ori_deploy.design import Embedding
 from ori_deploy.errors import LayoutError
-from ori_deploy.layout import Layout, PlaneTree, layout_of, layouts, slit_choices
+from ori_deploy.layout import Layout, PlaneTree, folds_flat_with_some_slits, layout_of, layouts
 from ori_deploy.profiles import Profile
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.search.starts import with_inner_vertices
-from ori_deploy.search.wish import Spar
+from ori_deploy.search.wish import Spar, neighbours_in_turn
 
 Chain = tuple[int, ...]
 
@@ -64,24 +64,11 @@ def chains_of(layout: Layout) -> list[Chain]:
     inner = [v.inner for v in layout.vertices]
     chains: list[Chain] = sorted((min(e), max(e)) for e in edges if not any(inner[i] for i in e))
     for p in np.flatnonzero(inner):
-        turn = _neighbours_in_turn(layout, int(p))
+        turn = neighbours_in_turn(layout, int(p))
         for i, j in combinations(range(len(turn)), 2):
             if min(j - i, len(turn) - (j - i)) >= 2:
                 chains.append((turn[i], int(p), turn[j]))
     return chains
-
-
-def _neighbours_in_turn(layout: Layout, p: int) -> list[int]:
-    """Opening vertices round an inner vertex, counter-clockwise."""
-    following = {}
-    for cell in layout.cells:
-        if p in cell:
-            k = cell.index(p)
-            following[cell[(k + 1) % 4]] = cell[k - 1]
-    turn = [min(following)]
-    while (after := following[turn[-1]]) != turn[0]:
-        turn.append(after)
-    return turn
 
 
 def _between(loop: list[int], a: int, b: int) -> list[int]:
@@ -132,8 +119,8 @@ def sparred_layouts(n_cells: int, n_spars: int, *, locked: bool = True) -> Itera
     locked
         Only layouts whose every cell is locked by a slit.
     """
-    for tree in layouts(n_cells, mirror_apart=True):
-        if (locked and not (tree.n_inner and locked_by_slits(tree))) or next(slit_choices(tree), None) is None:
+    for tree in layouts(n_cells, mirror_apart=True, allowable=folds_flat_with_some_slits):
+        if locked and not (tree.n_inner and locked_by_slits(tree)):
             continue
         yield from sparred(layout_of(tree), n_spars)
 

@@ -8,13 +8,47 @@ from ori_deploy.design import Embedding
 from ori_deploy.layout import Layout
 from ori_deploy.profiles import Profile
 from ori_deploy.profiles.profile import Points, Reals
+from ori_deploy.search.measures import Unknowns
+from ori_deploy.search.wish import Wish
 from ori_deploy.tolerance import TOLERANCE
+
+_TURNS = 48
+"""Turns of a start round the outline that are compared."""
+
+_AS_GOOD = 0.05
+"""Distance from holding, over the size, by which a turn may be worse than the best and still be begun from."""
 
 _EVEN_STARTS = 2
 """Starts that are evenly spaced, turned against each other, before chance takes over."""
 
 
-def start_embedding(profile: Profile, layout: Layout, start: int, seed: int = 0) -> Embedding:
+def start_for(profile: Profile, layout: Layout, wish: Wish, start: int, seed: int = 0) -> Embedding:
+    """A numbered start, turned round the outline to where its pins are nearest to holding.
+
+    Pins can ask for places that a local search cannot turn to: a spar whose ends both begin on the upper
+    skin. Where several turns suit them equally well, starts take these by turns.
+    """
+    begin = start_embedding(profile, layout, start, seed)
+    if not wish.pins:
+        return begin
+    unknowns = Unknowns(profile, layout)
+    places = [start_embedding(profile, layout, start, seed, k / _TURNS) for k in range(_TURNS)]
+    off = np.array([_off(unknowns, wish, place) for place in places])
+    valleys = np.flatnonzero((off <= np.roll(off, 1)) & (off < np.roll(off, -1)))
+    if not len(valleys):
+        return begin
+    ranked = valleys[np.argsort(off[valleys], kind="stable")]
+    suited = ranked[off[ranked] <= off[ranked[0]] + _AS_GOOD]
+    return places[int(suited[start % len(suited)])]
+
+
+def _off(unknowns: Unknowns, wish: Wish, place: Embedding) -> float:
+    """How far pins are from holding, over the size."""
+    x = unknowns.pack(place.s, place.z, 0.0)
+    return float(np.linalg.norm([e.value for e in wish.equations(unknowns, x, place.z)]))
+
+
+def start_embedding(profile: Profile, layout: Layout, start: int, seed: int = 0, turned: float = 0.0) -> Embedding:
     """A layout laid onto a profile; not checked, a search repairs it.
 
     Parameters
@@ -25,6 +59,8 @@ def start_embedding(profile: Profile, layout: Layout, start: int, seed: int = 0)
         0, 1: evenly along the outline, half a step apart; beyond: shares and turn drawn at random.
     seed
         Of what is drawn.
+    turned
+        By which share of the outline's natural parameter it is turned further.
     """
     loop = np.array(layout.outline)
     n = len(loop)
@@ -34,7 +70,7 @@ def start_embedding(profile: Profile, layout: Layout, start: int, seed: int = 0)
     else:
         share = generator.dirichlet(np.full(n, 6.0))
         turn = float(generator.random())
-    at = (turn + np.cumsum(share) - share) % 1.0
+    at = (turn + turned + np.cumsum(share) - share) % 1.0
     s = np.full(len(layout.vertices), np.nan)
     s[loop] = [_at(profile, float(a)) for a in at]
     s = _with_corners(profile, layout, s)

@@ -15,6 +15,13 @@ from ori_deploy.layout import Layout
 from ori_deploy.profiles import Cone, Profile
 from ori_deploy.profiles.profile import Points, Reals
 from ori_deploy.search.measures import Unknowns
+from ori_deploy.search.nearest import nearest_parameter
+
+_ON_OUTLINE = 1e-6
+"""Distance from the outline, over the size, up to which a place counts as one on it: figures are written rounded."""
+
+_OWN_IMAGE = 1e-6
+"""Distance of an outline, over the size, from its mirror image up to which it is its own."""
 
 Objective = Literal["eta", "box_ratio", "wall"]
 Axis = Literal["x", "y"]
@@ -39,9 +46,21 @@ class Equation:
     slope: Reals
 
 
+class UnmetPinError(LayoutError):
+    """Pins that cannot be made to hold from one start; others may lead further.
+
+    Attributes
+    ----------
+    off_m
+        How far the worst of them stays from holding.
+    """
+
+    off_m: float = 0.0
+
+
 @dataclass(frozen=True)
 class Fixed:
-    """A vertex that stays where it is at the start, or at a place (metres) of its own."""
+    """A vertex that stays where it is at the start, or at a place (metres) of its own: of an outline one on it."""
 
     vertex: str
     place: complex | None = None
@@ -128,18 +147,20 @@ class Symmetric:
                 if frozenset(int(image[i]) for i in cell) not in cells]  # fmt: skip
         outline = start.profile.table_f
         flipped = np.array([probe.mirrored(complex(z)) for z in outline[:: max(1, len(outline) // 64)]])
-        off = float(np.abs(flipped[:, None] - outline[None]).min(axis=1).max())
-        if lone or lost or off > 0.02 * start.profile.size:
+        nearest = start.profile.point([nearest_parameter(start.profile, complex(z)) for z in flipped])
+        off = float(np.abs(nearest - flipped).max())
+        if lone or lost or off > _OWN_IMAGE * start.profile.size:
             what = (
-                f"vertex {lone[0]} has no image"
+                f"the profile, {off:.3g} m off"
+                if off > _OWN_IMAGE * start.profile.size
+                else f"vertex {lone[0]} has no image"
                 if lone
                 else f"cell {lost[0]} has no image"
-                if lost
-                else "the profile"
             )
             raise LayoutError(
                 f"symmetric about {axis}: the start is not its own mirror image", value=what,
-                limit="every vertex and cell has one, nearly", remedy="lay the cells out symmetrically, or drop it",
+                limit="every vertex and cell has one, nearly; the profile exactly",
+                remedy="lay the cells out symmetrically, mend symmetric_at_m, or drop it",
             )  # fmt: skip
         pairs = tuple((ids[i], ids[int(j)]) for i, j in enumerate(image) if i <= j)
         return cls(axis, pairs, at_m)
@@ -205,6 +226,8 @@ class Wish:
                     )  # fmt: skip
             if isinstance(pin, Spar):
                 _check_spar(pin, layout)
+            if isinstance(pin, Fixed):
+                _check_place(pin, layout, profile.base if isinstance(profile, Cone) else profile)
 
     def equations(self, unknowns: Unknowns, x: Reals, start: Points) -> list[Equation]:
         """All pins at `x`; `start` is where vertices were before anything moved."""
@@ -240,6 +263,54 @@ def _check_spar(pin: Spar, layout: Layout) -> None:
             limit="consecutive vertices share an inner edge; both ends on the outline",
             remedy="list the spar's vertices in order, from the upper skin to the lower",
         )
+    for before, at, after in zip(pin.vertices, pin.vertices[1:], pin.vertices[2:], strict=False):
+        if not layout.vertices[index[at]].inner:
+            raise LayoutError(
+                f"pin {pin.name}: leaves the profile on its way", value=f"{at} is on the outline",
+                limit="only its ends are", remedy="end it there",
+            )  # fmt: skip
+        turn = neighbours_in_turn(layout, index[at])
+        apart = (turn.index(index[after]) - turn.index(index[before])) % len(turn)
+        if min(apart, len(turn) - apart) < 2:
+            straight = [
+                f"{layout.vertices[turn[k]].id}-{at}-{layout.vertices[turn[(k + j) % len(turn)]].id}"
+                for k in range(len(turn))
+                for j in range(2, len(turn) - 1)
+                if k < (k + j) % len(turn)
+            ]
+            raise LayoutError(
+                f"pin {pin.name}: cannot be straight",
+                value=f"{min(apart, len(turn) - apart)} cell on one side of it at {at}",
+                limit="two or more on each side: a single one would have 180 degrees there, its dead centre",
+                remedy="for example " + ", ".join(straight[:4]) if straight else "more cells round " + at,
+            )
+
+
+def _check_place(pin: Fixed, layout: Layout, plane: Profile) -> None:
+    """Refuse a place off the outline for a vertex on it."""
+    if pin.place is None or next(v for v in layout.vertices if v.id == pin.vertex).inner:
+        return
+    there = complex(plane.point(nearest_parameter(plane, pin.place)))
+    if abs(there - pin.place) > _ON_OUTLINE * plane.size:
+        raise LayoutError(
+            f"pin {pin.name}: not on the outline, where {pin.vertex} is",
+            value=f"({pin.place.real:.9g}, {pin.place.imag:.9g}) m, {abs(there - pin.place):.3g} m away from it",
+            limit=f"{_ON_OUTLINE * plane.size:.3g} m",
+            remedy=f"the nearest place is at_m = [{there.real:.9g}, {there.imag:.9g}]",
+        )
+
+
+def neighbours_in_turn(layout: Layout, p: int) -> list[int]:
+    """Opening vertices round an inner vertex, counter-clockwise."""
+    following = {}
+    for cell in layout.cells:
+        if p in cell:
+            k = cell.index(p)
+            following[cell[(k + 1) % 4]] = cell[k - 1]
+    turn = [min(following)]
+    while (after := following[turn[-1]]) != turn[0]:
+        turn.append(after)
+    return turn
 
 
 @dataclass(frozen=True)
@@ -270,8 +341,10 @@ def _equations(pin: Pin, frame: _Frame, start: Points) -> Iterator[Equation]:
     if isinstance(pin, Fixed):
         i = frame.index(pin.vertex)
         goal = complex(start[i]) if pin.place is None else pin.place
-        normals = [1.0, 1j] if frame.unknowns.inner[i] else [frame.dz[i] / abs(frame.dz[i])]
-        for normal in normals:
+        if not frame.unknowns.inner[i]:
+            yield _held_on_outline(pin.name, frame, i, goal)
+            return
+        for normal in (1.0, 1j):
             row = np.zeros(count)
             z = frame.along(pin.vertex, normal, row)
             yield Equation(pin.name, float((np.conj(normal) * (z - goal)).real) / size, row)
@@ -292,6 +365,16 @@ def _equations(pin: Pin, frame: _Frame, start: Points) -> Iterator[Equation]:
             yield Equation(pin.name, gap.real / size, row)
     else:
         yield from _mirror_equations(pin, frame)
+
+
+def _held_on_outline(name: str, frame: _Frame, i: int, goal: complex) -> Equation:
+    """Parameters are equated: along the tangent there, a vertex on the far side would be just as near."""
+    profile, stride = frame.unknowns.profile, frame.unknowns.stride
+    ahead = float(frame.s[i]) - nearest_parameter(profile, goal)
+    row = np.zeros(frame.unknowns.count)
+    row[frame.unknowns.column[i, 0]] = 1.0
+    half = 0.5 * profile.period
+    return Equation(name, ((ahead + half) % profile.period - half) / stride, row)
 
 
 def _mirror_equations(pin: Symmetric, frame: _Frame) -> Iterator[Equation]:

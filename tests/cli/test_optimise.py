@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from ori_deploy.cli import main
+from ori_deploy.cli import optimise as cli_optimise
+from ori_deploy.cli.optimise import Optimum, tell
 from ori_deploy.design import Structure
 from ori_deploy.files import load_design
-from ori_deploy.search import many
+from ori_deploy.layout import layout_of, layouts, slit_choices
+from ori_deploy.profiles import Superellipse
+from ori_deploy.search import many, solve
 from tests.oracle.bridge import retold
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -192,6 +197,11 @@ def test_a_search_interrupted_before_anything_is_found(tmp_path: Path, monkeypat
         ({"optimize": "spars = 2"}, ("--search-layouts", "--cells", "3"), ("straight spars", "--cells ")),
         ({"wall": 0.4}, ("--starts", "2"), ("no structure found", "wall 0.4 m", "thinner wall")),
         ({"optimize": "panel_m = 5.0"}, (), ("panel_m", "limit")),
+        (
+            {"cells": 6, "optimize": 'objective = "wall"\neta_at_least = 100.0'},
+            (),
+            ("eta reaches 6.", "eta at least 100", "a smaller eta_at_least"),
+        ),
         ({"optimize": 'objective = "eat"'}, (), ("objective",)),
         ({"optimize": 'objective = "wall"'}, (), ("eta_at_least",)),
         (
@@ -216,7 +226,9 @@ def test_bad_input_is_one_line_that_says_what_would_work(
     assert not path.with_suffix(".design.json").exists()
 
 
-@pytest.mark.parametrize("words", [("--starts", "3"), ("--cells", "3"), ("--search-layouts",)])
+@pytest.mark.parametrize(
+    "words", [("--starts", "3"), ("--cells", "3"), ("--search-layouts",), ("--seed", "0"), ("--workers", "1")]
+)
 def test_words_that_go_with_optimize(tmp_path: Path, words: tuple[str, ...]) -> None:
     done = design(spec(tmp_path), *words)
     assert done.exit_code == 2
@@ -240,3 +252,181 @@ def test_cones_have_no_box_to_make_small(tmp_path: Path) -> None:
     done = design(path, "--optimize", "--workers", "1")
     assert done.exit_code == 2
     assert "objective box_ratio: not on a cone" in done.stderr
+
+
+# --- pins, outputs, words: what a review of the command line found ---------------------------------
+
+SMALL = 'kind = "ellipse"\na_m = 0.1\nb_m = 0.06'
+
+
+def test_a_pin_that_some_start_can_hold_is_not_refused(tmp_path: Path) -> None:
+    """From the places given, a sixth of a turn away, the spar's ends are on one skin."""
+    found = []
+    for phase in (0.5, 1.5):
+        path = spec(
+            tmp_path, SMALL, cells=6, wall=0.001, ring=f", phase_rad = {phase}",
+            optimize='pins = [{ spar = ["O1", "P", "O4"] }]',
+        )  # fmt: skip
+        done = design(path, "--optimize", "--starts", "3", "--workers", "1")
+        assert done.exit_code == 0, done.stderr
+        structure, data = made(path)
+        ids = [v.id for v in structure.layout.vertices]
+        assert np.ptp([structure.embedding.z[ids.index(name)].real for name in ("O1", "P", "O4")]) < 1e-9 * 0.1
+        found.append(data["packaging"]["eta"])
+    assert found[0] == pytest.approx(found[1], abs=1e-4)
+
+
+def test_a_fixed_vertex_stays_where_the_specification_has_it_from_every_start(tmp_path: Path) -> None:
+    path = spec(
+        tmp_path, wall=0.01, ring=", center_m = [0.12, 0.05], phase_rad = 0.4",
+        optimize='pins = [{ fixed = "P" }, { fixed = "O1" }]',
+    )  # fmt: skip
+    done = design(path, "--optimize", "--starts", "4", "--workers", "1")
+    assert done.exit_code == 0, done.stderr
+    z = made(path)[0].embedding.z
+    assert abs(z[0] - (0.12 + 0.05j)) < 1e-9
+    assert abs(z[1] - complex(np.cos(0.4), 0.6 * np.sin(0.4))) < 1e-9
+
+
+def test_the_documented_wishes_work(tmp_path: Path) -> None:
+    text = (EXAMPLES.parent / "docs" / "specification.md").read_text()
+    snippets = [part.split("```")[0] for part in text.split("```toml\n")[1:]]
+    wishes = [part for part in snippets if part.startswith("[optimize]")]
+    assert wishes
+    for wish in wishes:
+        path = tmp_path / "shape.toml"
+        path.write_text((EXAMPLES / "ellipse_6.toml").read_text() + "\n" + wish)
+        done = design(path, "--optimize", "--workers", "1")
+        assert done.exit_code == 0, done.stderr
+
+
+def test_two_outputs_of_one_name_are_refused_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(many, "run_job", lambda _: pytest.fail("searched"))
+    path = spec(tmp_path)
+    same, nowhere, folder = tmp_path / "same", path / "below" / "a.toml", tmp_path / "folder"
+    (folder / "a.toml").mkdir(parents=True)
+    for output, saved, told in (
+        (same, same, "two outputs of one name"),
+        (same, tmp_path / "x" / ".." / "same", "two outputs of one name"),
+        (same, nowhere, "cannot be written"),
+        (nowhere, same, "cannot be written"),
+        (same, path, "is an input"),
+    ):
+        words = ["design", str(path), "--optimize", "--workers", "1", "-o", str(output), "--save-spec", str(saved)]
+        done = CliRunner().invoke(main, words)
+        assert done.exit_code == 2, done.output
+        assert told in done.stderr
+        assert not same.exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_nobody_may_write_to_is_found_out_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(many, "run_job", lambda _: pytest.fail("searched"))
+    path, locked = spec(tmp_path), tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    done = design(path, "--optimize", "--save-spec", str(locked / "a.toml"))
+    assert done.exit_code == 2
+    assert "cannot be written" in done.stderr
+
+
+def test_what_is_saved_elsewhere_finds_its_points_and_says_how_it_was_found(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 2.0 * np.pi, 80, endpoint=False)
+    (tmp_path / "shape.dat").write_text(
+        "".join(f"{x:.12g} {y:.12g}\n" for x, y in zip(np.cos(t), 0.6 * np.sin(t), strict=True))
+    )
+    path = spec(tmp_path, 'kind = "points"\nfile = "shape.dat"', cells=4, wall=0.01)
+    saved = tmp_path / "far" / "away" / "best.toml"
+    words = (
+        "--optimize",
+        "--cells",
+        "5",
+        "--starts",
+        "2",
+        "--seed",
+        "7",
+        "--workers",
+        "1",
+        "--save-spec",
+        str(saved),
+    )
+    done = design(path, *words)
+    assert done.exit_code == 0, done.stderr
+    assert "shape.toml --optimize --cells 5 --starts 2 --seed 7" in saved.read_text()
+    again = design(saved)
+    assert again.exit_code == 0, again.stderr
+    assert made(saved)[1]["packaging"]["eta"] == pytest.approx(made(path)[1]["packaging"]["eta"], rel=1e-9)
+
+
+def test_too_many_cells_for_a_search_of_layouts(tmp_path: Path) -> None:
+    for optimize in ("", "spars = 2"):
+        done = design(spec(tmp_path, optimize=optimize), "--optimize", "--search-layouts", "--cells", "30")
+        assert done.exit_code == 2
+        assert "--search-layouts: too many cells" in done.stderr
+        assert "--cells 10" in done.stderr
+
+
+def test_layouts_are_counted_before_they_are_searched_and_drawn_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(many, "run_job", lambda _: os.kill(os.getpid(), signal.SIGINT))
+    words = ("--optimize", "--search-layouts", "--cells", "6", "--starts", "3", "--workers", "1")
+    done = design(spec(tmp_path, wall=0.01), *words)
+    assert done.exit_code == 130
+    n = sum(1 for tree in layouts(6, mirror_apart=True) if next(slit_choices(tree), None) is not None)
+    assert f"searching {n} layouts of 6 cells, 3 starts each" in done.stderr
+
+
+@pytest.mark.parametrize("words", [("--seed", "-1"), ("--starts", "0"), ("--workers", "0")])
+def test_numbers_out_of_range(tmp_path: Path, words: tuple[str, str]) -> None:
+    done = design(spec(tmp_path), "--optimize", *words)
+    assert done.exit_code == 2
+    assert words[0] in done.stderr
+
+
+def test_symmetry_of_a_profile_that_has_none(tmp_path: Path) -> None:
+    path = spec(tmp_path, WING, wall=0.003, ring=", center_m = [0.44, 0.03]", optimize='symmetric = "x"')
+    for words in ((), ("--cells", "4")):
+        done = design(path, "--optimize", "--workers", "1", *words)
+        assert done.exit_code == 2
+        assert "symmetric about x" in done.stderr
+        assert "the profile, 0.04 m off" in done.stderr
+
+
+def test_a_symmetric_ring_on_a_symmetric_airfoil(tmp_path: Path) -> None:
+    path = spec(
+        tmp_path,
+        WING.replace("2412", "0012"),
+        wall=0.003,
+        ring=", center_m = [0.44, 0.0]",
+        optimize='symmetric = "x"',
+    )
+    done = design(path, "--optimize", "--cells", "4", "--starts", "4", "--workers", "1")
+    assert done.exit_code == 0, done.stderr
+    z = made(path)[0].embedding.z
+    assert np.abs(z[:, None] - np.conj(z)).min(axis=1).max() < 1e-9
+
+
+def test_what_holds_a_search_back_that_has_not_come_to_rest() -> None:
+    found = solve(Superellipse(1.0, 0.6), layout_of(next(layouts(4))), 0.0, most_iterations=2)
+    assert not found.settled
+    told = dict(tell(Optimum(found.structure, found, "x", 3, 0, True, None)))
+    assert "had not come to rest" in told["held back by"]
+    assert "free" not in told["held back by"]
+    cut = replace(found, settled=True, active=())
+    assert "cut short" in dict(tell(Optimum(found.structure, cut, "x", 3, 0, True, None)))["held back by"]
+
+
+def test_an_interrupt_while_motions_are_looked_at_keeps_the_best(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = spec(tmp_path, wall=0.01)
+    monkeypatch.setattr(cli_optimise, "deploys_free", lambda _: os.kill(os.getpid(), signal.SIGINT))
+    done = design(path, "--optimize", "--starts", "2", "--workers", "1")
+    assert done.exit_code == 0, done.stderr
+    assert "was not looked at any more" in done.stderr
+    assert "touches itself when it deploys, with any" not in done.stderr
+    assert path.with_suffix(".design.json").exists()

@@ -66,7 +66,7 @@ def test_every_kind_of_pin(tmp_path: Path) -> None:
       { spar = ["O2", "P", "O5"], x_m = 0.3 },
     ]"""
     assert wish(tmp_path, keys).pins == (
-        Fixed("P"),
+        Fixed("P", 0j),  # where the specification has it, from every start
         Fixed("P", 0.1 - 0.2j),
         OnLine(("P", "O1"), 0.5 + 0.25j, 2.0j),
         Spar(("O2", "P", "O5")),
@@ -76,7 +76,7 @@ def test_every_kind_of_pin(tmp_path: Path) -> None:
 
 def test_pins_as_tables_of_their_own(tmp_path: Path) -> None:
     assert wish(tmp_path, '[[optimize.pins]]\nfixed = "P"\n[[optimize.pins]]\nfixed = "O1"').pins == (
-        Fixed("P"), Fixed("O1"),
+        Fixed("P", 0j), Fixed("O1", 1.0 + 0j),
     )  # fmt: skip
 
 
@@ -90,6 +90,9 @@ def test_pins_as_tables_of_their_own(tmp_path: Path) -> None:
         ("margin_deg = 2.0", ("margin_deg",)),
         ("panel_m = -1.0", ("panel_m", "0")),
         ("panel_m = inf", ("panel_m",)),
+        ("panel_m = nan", ("panel_m",)),
+        ('objective = "wall"\neta_at_least = nan', ("eta_at_least",)),
+        ('objective = "wall"\neta_at_least = inf', ("eta_at_least",)),
         ('panel_m = "1"', ("panel_m",)),
         ('symmetric = "z"', ("symmetric", "x")),
         ("spars = 1.5", ("spars",)),

@@ -8,9 +8,11 @@ import signal
 import numpy as np
 import pytest
 
-from ori_deploy.errors import LayoutError
-from ori_deploy.search import Failure, Fixed, Job, Wish, best_first, run_jobs
+from ori_deploy.errors import CellError, InputError, LayoutError
+from ori_deploy.search import Failure, Fixed, Job, Wish, best_first, closest, run_jobs
 from ori_deploy.search.many import Result, worth
+from ori_deploy.search.shortfall import NoStructureError
+from ori_deploy.search.wish import UnmetPinError
 from tests.search.cases import ELLIPSE, ring_layout
 
 
@@ -76,3 +78,20 @@ def test_the_best_comes_first() -> None:
     values = [worth(found, job.wish) for job, found in ranked]
     assert values == sorted(values, reverse=True) or np.ptp(values) < 1e-9
     assert values[0] == pytest.approx(max(r[1].eta for r in results if not isinstance(r, Failure)), abs=1e-9)
+
+
+def test_pins_that_hold_from_no_start_are_failures_of_each() -> None:
+    pins = (Fixed("P", 0.1 + 0j), Fixed("P", -0.1 + 0j))
+    results, _ = run_jobs([Job("apart", ELLIPSE, ring_layout(4), 0.01, Wish(pins=pins), k) for k in range(3)])
+    errors = [r.error for r in results if isinstance(r, Failure)]
+    assert len(errors) == 3
+    assert all(isinstance(e, UnmetPinError) and "fixed P" in str(e) for e in errors)
+
+
+def test_the_failure_that_came_closest_speaks_for_all() -> None:
+    (job,) = jobs(1)
+    near, far, pin = NoStructureError("near"), NoStructureError("far"), UnmetPinError("pin")
+    near.short, far.short = 0.1, 2.0
+    errors: list[InputError] = [InputError("killed"), pin, CellError("built, but"), far, near]
+    for k in range(len(errors), 0, -1):
+        assert closest([Failure(job, e) for e in errors[:k]]) is errors[k - 1]

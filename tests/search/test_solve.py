@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,7 @@ from ori_deploy.design import Embedding, build
 from ori_deploy.errors import CellError
 from ori_deploy.profiles import Profile, Superellipse
 from ori_deploy.search import Solution, Wish, solve
+from ori_deploy.search.shortfall import NoStructureError
 from ori_deploy.search.starts import start_embedding
 from tests.search.cases import CIRCLE, ELLIPSE, WING, at, mirrored_ring, ring_layout, scaled
 from tests.search.slow import evolved, polished, unlaid
@@ -189,6 +192,37 @@ def test_a_start_that_cannot_be_mended_says_which_condition_fails() -> None:
     assert "start 0: no structure meets every condition" in told
     assert " of cell c" in told or "opening crease has no place" in told
     assert "wall 0.5 m" in told
+
+
+@pytest.mark.parametrize(
+    ("wish", "wall_m", "words", "remedy"),
+    [
+        (Wish(margin_rad=1.0), 0.01, "the dead-centre margin of c", "margin_rad"),
+        (Wish(panel_m=0.9), 0.01, " mm too short", "panel_m"),
+        (Wish(objective="wall", eta_at_least=50.0), 0.0, "eta reaches ", "eta_at_least"),
+    ],
+)
+def test_a_failure_is_told_in_words_and_units(wish: Wish, wall_m: float, words: str, remedy: str) -> None:
+    with pytest.raises(NoStructureError) as wrong:
+        solve(ELLIPSE, ring_layout(6), wall_m, wish)
+    assert words in str(wrong.value.value)
+    assert remedy in str(wrong.value.remedy)
+    assert 0.0 < wrong.value.short < np.inf
+
+
+def test_an_eta_out_of_reach_names_the_one_without_any_wall() -> None:
+    best = solve(ELLIPSE, ring_layout(4), 0.0).eta
+    with pytest.raises(NoStructureError) as wrong:
+        solve(ELLIPSE, ring_layout(4), 0.0, Wish(objective="wall", eta_at_least=50.0))
+    assert str(wrong.value.value) == f"eta reaches {best:.4g}"
+
+
+def test_failing_searches_make_no_noise() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for wall_m, start in ((0.5, 0), (0.3, 2), (0.3, 3), (0.3, 4)):
+            with pytest.raises(CellError):
+                solve(ELLIPSE, ring_layout(6), wall_m, start=start)
 
 
 # --- pins: see test_wish.py -----------------------------------------------------------------------

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ori_deploy.design import Embedding
 from ori_deploy.errors import LayoutError
 from ori_deploy.search import Fixed, OnLine, Pin, Solution, Spar, Symmetric, Wish, solve
 from ori_deploy.search.measures import Unknowns
+from ori_deploy.search.nearest import nearest_parameter
 from ori_deploy.search.solve import on_pins
+from ori_deploy.search.starts import start_for
 from tests.search.cases import ELLIPSE, WING, at, ring_layout
-from tests.shapes import ring_on, two_cells, two_inner_vertices, wing
+from tests.shapes import peanut, ring_on, two_cells, two_inner_vertices, wing
 
 EXACT = 1e-9
+PEANUT = peanut()
 
 
 def pinned(begin: Embedding, wall_m: float, *pins: Pin, margin_deg: float = 2.0) -> Solution:
@@ -93,7 +100,7 @@ def test_slopes_of_pins_are_those_of_differences() -> None:
     pins = (
         Fixed("P", 0.1j), Fixed("O1", 0.2 + 0.1j), OnLine(("P", "C2"), 0.1j, 1.0 + 0.4j),
         Spar(("O2", "P", "O5"), 0.1), Symmetric.of(ring_on(ELLIPSE, 6, phase=0.0), "x"),
-        Symmetric.of(ring_on(ELLIPSE, 6, phase=0.0), "y", 0.01),
+        replace(Symmetric.of(ring_on(ELLIPSE, 6, phase=0.0), "y"), at_m=0.01),
     )  # fmt: skip
     wish, unknowns = Wish(pins=pins), Unknowns(ELLIPSE, begin.layout)
     x = unknowns.pack(begin.s, begin.z, 0.0)
@@ -133,7 +140,6 @@ def test_slopes_of_pins_that_hold_are_exact_too() -> None:
         ((Fixed("P", 0.1 + 0.0j), OnLine(("P",), -0.2 + 0.0j, 1j)), ("fixed P", "line P")),
         ((Spar(("O1", "P", "O4"), 0.2), Fixed("P", 0.0j)), ("spar O1-P-O4", "fixed P")),
         ((OnLine(("P",), 0.1j, 1.0), OnLine(("P",), -0.1j, 1.0)), ("line P",)),
-        ((Fixed("O1", 2.0 + 2.0j),), ("fixed O1",)),
     ],
 )  # fmt: skip
 def test_pins_that_contradict_each_other_are_named(pins: tuple[Pin, ...], named: tuple[str, ...]) -> None:
@@ -164,6 +170,58 @@ def test_pins_on_what_is_not_there(pin: Pin, told: str) -> None:
     assert pin.name in str(wrong.value)
 
 
+def test_a_place_off_the_outline_names_the_nearest_on_it() -> None:
+    begin, on = ring_on(ELLIPSE, 6, phase=0.5), complex(ELLIPSE.point(0.7))
+    outwards = -1j * complex(ELLIPSE.tangents(0.7)[0])
+    with pytest.raises(LayoutError, match="fixed O1: not on the outline") as wrong:
+        pinned(begin, 0.01, Fixed("O1", on + 0.01 * outwards))
+    told = str(wrong.value)
+    assert "0.01 m away" in told
+    assert f"at_m = [{on.real:.6g}" in told
+    Wish(pins=(Fixed("O1", on + 1e-7 * outwards),)).check(begin.layout, ELLIPSE)
+
+
+def test_a_vertex_is_sent_to_the_near_side_of_the_outline() -> None:
+    """Along the tangent a vertex at the far end of the ellipse would be just as near."""
+    begin = ring_on(ELLIPSE, 6, phase=0.6)
+    goal = complex(ELLIPSE.point(0.0))
+    far = Embedding(ELLIPSE, begin.layout, begin.s + np.pi - 0.6, begin.z)
+    place = on_pins(far, Wish(pins=(Fixed("O1", goal),)))
+    assert abs(at(place, "O1") - goal) < EXACT
+
+
+def test_a_spar_with_one_cell_on_a_side_is_refused() -> None:
+    with pytest.raises(LayoutError, match="spar O1-P-O2: cannot be straight") as wrong:
+        pinned(ring_on(ELLIPSE, 6), 0.01, Spar(("O1", "P", "O2")))
+    assert "1 cell on one side of it at P" in str(wrong.value)
+    assert "O1-P-O3" in str(wrong.value)
+
+
+@given(k=st.integers(0, 10**6), which=st.sampled_from(["ellipse", "wing", "peanut"]))
+@settings(max_examples=60, deadline=None)
+def test_the_nearest_parameter_is_that_of_a_fine_grid(k: int, which: str) -> None:
+    profile = {"ellipse": ELLIPSE, "wing": WING, "peanut": PEANUT}[which]
+    s = profile.period * k / 1e6
+    on = complex(profile.point(s))
+    assert abs(complex(profile.point(nearest_parameter(profile, on))) - on) < 1e-12 * profile.size
+    off = on * 1.3 + 0.05
+    fine = np.abs(profile.point(np.linspace(0.0, profile.period, 20001)) - off).min()
+    assert abs(complex(profile.point(nearest_parameter(profile, off))) - off) <= fine + 1e-12
+
+
+@pytest.mark.parametrize("start", range(5))
+@pytest.mark.parametrize("begin_turned", [0, 1, 2])
+def test_numbered_starts_are_turned_to_their_pins(start: int, begin_turned: int) -> None:
+    """Whatever opening vertex a spar is named from: its pins can hold, upright."""
+    names = tuple(f"O{(begin_turned + k) % 6 + 1}" for k in (0, 3))
+    wish = Wish(pins=(Spar((names[0], "P", names[1])),))
+    place = on_pins(start_for(ELLIPSE, ring_layout(6), wish, start, 3), wish)
+    heights = [at(place, name).imag for name in names]
+    assert abs(at(place, names[0]).real - at(place, names[1]).real) < EXACT
+    assert min(abs(h) for h in heights) > 0.2
+    assert heights[0] * heights[1] < 0.0
+
+
 @pytest.mark.parametrize(
     "wish",
     [
@@ -186,6 +244,13 @@ def test_what_is_not_symmetric_is_refused(axis: str) -> None:
     with pytest.raises(LayoutError, match="not its own mirror image") as wrong:
         Symmetric.of(wing().embedding, axis)  # type: ignore[arg-type]
     assert wrong.value.value is not None
+
+
+def test_a_cambered_profile_is_not_its_own_mirror_image() -> None:
+    begin = ring_on(WING, 4, phase=0.0, centre=(0.44, 0.03))
+    with pytest.raises(LayoutError, match="not its own mirror image") as wrong:
+        Symmetric.of(begin, "x")
+    assert "the profile, 0.04 m off" in str(wrong.value)
 
 
 def test_where_pins_already_hold_nothing_moves() -> None:
