@@ -29,6 +29,10 @@ _FAR = 0.1
 _ASTRAY = 0.01
 """Violation, radians or over the size, beyond which a search has gone astray rather than missed narrowly."""
 
+_ROUGHLY = 1e-4
+_ROUGH_STEPS = 40
+"""How far eta is brought before a wall is made thicker: more would be undone."""
+
 _PIN_STEPS = 40
 _PINNED = 1e-12
 
@@ -116,7 +120,10 @@ def solve(
     # Small matrices: threads of the linear algebra library only get into each other's way.
     # Trial steps may leave every structure behind; what is not a number there is refused by the search.
     with threadpool_limits(1, user_api="blas"), np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        problem = Problem(on_pins(begin, wish), wall_m, wish, cone)
+        placed = on_pins(begin, wish)
+        if wish.objective == "wall":
+            placed = _roomy(placed, wall_m, wish, cone)
+        problem = Problem(placed, wall_m, wish, cone)
         found = minimise(problem, tolerance=tolerance, most_iterations=most_iterations)
         if wish.objective == "box_ratio" and found is not None and found.feasible:
             # The most material saved is where the smallest box is looked for: it cannot get any larger then.
@@ -157,6 +164,15 @@ def _blamed(
             bare = Problem(problem.start, 0.0, wish, problem.cone)
             return bare, thin.x
     return problem, None if found is None else found.x
+
+
+def _roomy(place: Embedding, wall_m: float, wish: Wish, cone: Cone | None) -> Embedding:
+    """Places with much eta to spare at the wall given, from which a wall can grow; the same where there are none."""
+    problem = Problem(place, wall_m, replace(wish, objective="eta"), cone)
+    found = minimise(problem, tolerance=_ROUGHLY, most_iterations=_ROUGH_STEPS)
+    if found is None or not found.feasible:
+        return place
+    return on_pins(problem.embedding(found.x), wish, of=problem)
 
 
 def finished(place: Embedding, wall_m: float, cone: Cone | None = None) -> Structure | ConeStructure:

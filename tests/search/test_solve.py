@@ -242,3 +242,13 @@ def test_a_superellipse_that_is_nearly_a_diamond_or_a_rectangle() -> None:
         found = max((solve(profile, ring_layout(4), 0.01, start=k) for k in (0, 1)), key=lambda s: s.eta)
         assert found.eta > 1.5
         assert margin(found) >= TWO_DEG
+
+
+@pytest.mark.parametrize("first_wall", [0.0, 0.004])
+def test_the_thickest_wall_is_that_at_which_the_best_eta_is_what_was_asked(first_wall: float) -> None:
+    wish = Wish(objective="wall", eta_at_least=3.0)
+    thickest = solve(ELLIPSE, ring_layout(6), first_wall, wish).cylinder
+    assert thickest.eta == pytest.approx(3.0, abs=1e-5)
+    best = solve(ELLIPSE, ring_layout(6), thickest.wall_m)
+    assert best.eta == pytest.approx(3.0, abs=1e-5)
+    assert solve(ELLIPSE, ring_layout(6), 1.02 * thickest.wall_m).eta < 3.0
