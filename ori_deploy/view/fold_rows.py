@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from ori_deploy.design import ConeStructure, Structure
-from ori_deploy.profiles import xy
-from ori_deploy.view.ink import FAINT, INK, SLIT, cell_colour, edge_colour, house_style
-from ori_deploy.view.strip import Frame, fold_frames
+from ori_deploy.view.ink import FAINT, INK, SLIT, house_style
+from ori_deploy.view.strip import Frame, draw_frame, fold_frames, round_length
 
 _WIDTH_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 9.5, 0.32, 0.5, 0.34
 _TALLEST_IN = 2.1
@@ -95,28 +92,13 @@ def _draw_row(
     scale: float,
     place: tuple[float, float],
 ) -> None:
-    layout = structure.layout
     top, body = place
     gap = (_WIDTH_IN - scale * sum(float(f.size[0]) for f in frames)) / (len(frames) + 1)
     x = gap
     for k, frame in enumerate(frames):
         width, tall = (float(side) for side in scale * frame.size)
         corner = complex(x, top - 0.5 * (body + tall))
-        for p, outline in enumerate(frame.outlines):
-            axes.add_patch(
-                Polygon(
-                    xy(corner + scale * outline),
-                    closed=True,
-                    facecolor=cell_colour(p // 4, layout.n_cells),
-                    edgecolor=edge_colour(p // 4, layout.n_cells),
-                    linewidth=0.3,
-                    joinstyle="round",
-                    gid=f"row{j}-frame{k}-panel-{layout.panel_ids[p]}",
-                )
-            )
-        for face in frame.slit_faces:
-            ends = corner + scale * face
-            axes.plot(ends.real, ends.imag, color=SLIT, linewidth=1.1)
+        draw_frame(axes, structure.layout, frame, corner, scale, f"row{j}-frame{k}")
         ends_told = {0.0: "flat", 1.0: "deployed"}
         told = ends_told.get(frame.fold, f"fold {frame.fold:g}")
         axes.text(x + 0.5 * width, top - body - 0.08, told, ha="center", va="top", fontsize=8.5, color=INK)
@@ -127,9 +109,7 @@ def _draw_row(
 
 def _draw_bar(axes: Axes, scale: float, size: float, unit: str, y: float) -> None:
     """A bar of a round length, not more than 0.5 of the deployed frame, at the right of the row's head."""
-    rough = 0.5 * size
-    decade = 10.0 ** np.floor(np.log10(rough))
-    length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= rough)
+    length = round_length(0.5 * size)
     right = _WIDTH_IN - _GAP_IN
     axes.plot([right - length * scale, right], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
     told = f"{length / 1e3:g} m" if unit == " mm" and length >= 1e3 else f"{length:g}{unit}"

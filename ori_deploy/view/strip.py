@@ -13,6 +13,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from ori_deploy.design import ConeStructure, Structure
+from ori_deploy.layout import Layout
 from ori_deploy.motion import Mechanism, mechanism_of
 from ori_deploy.profiles import xy
 from ori_deploy.profiles.profile import Points, Reals
@@ -196,23 +197,34 @@ def _draw_row(
     for k, frame in row:
         width, tall = frame.size * scale
         corner = complex(x, top - 0.5 * (body + tall))
-        for p, outline in enumerate(frame.outlines):
-            axes.add_patch(
-                Polygon(
-                    xy(corner + scale * outline),
-                    closed=True,
-                    facecolor=cell_colour(p // 4, layout.n_cells),
-                    edgecolor=edge_colour(p // 4, layout.n_cells),
-                    linewidth=0.3,
-                    joinstyle="round",
-                    gid=f"frame{k}-panel-{layout.panel_ids[p]}",
-                )
-            )
-        for face, line in enumerate(frame.slit_faces):
-            ends = corner + scale * line
-            axes.plot(ends.real, ends.imag, color=SLIT, linewidth=1.1, gid=f"frame{k}-slit{face}")
+        draw_frame(axes, layout, frame, corner, scale, f"frame{k}")
         _draw_caption(axes, frame, x + 0.5 * width, top - body - 0.1)
         x += width + gap
+
+
+def draw_frame(axes: Axes, layout: Layout, frame: Frame, corner: complex, scale: float, gid: str) -> None:
+    """Draw a frame's panels and slit faces, its lower left corner at `corner`; gids begin with `gid`."""
+    for p, outline in enumerate(frame.outlines):
+        axes.add_patch(
+            Polygon(
+                xy(corner + scale * outline),
+                closed=True,
+                facecolor=cell_colour(p // 4, layout.n_cells),
+                edgecolor=edge_colour(p // 4, layout.n_cells),
+                linewidth=0.3,
+                joinstyle="round",
+                gid=f"{gid}-panel-{layout.panel_ids[p]}",
+            )
+        )
+    for face, line in enumerate(frame.slit_faces):
+        ends = corner + scale * line
+        axes.plot(ends.real, ends.imag, color=SLIT, linewidth=1.1, gid=f"{gid}-slit{face}")
+
+
+def round_length(most: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not more than `most`: for scale bars."""
+    decade = 10.0 ** np.floor(np.log10(most))
+    return float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= most))
 
 
 def _draw_caption(axes: Axes, frame: Frame, x: float, y: float) -> None:
@@ -229,9 +241,7 @@ def _span(angles_rad: tuple[float, float]) -> str:
 
 def draw_scale_bar(axes: Axes, scale: float, widest: float, unit: str = " mm") -> None:
     """A bar of a round length, not more than 0.4 of the widest frame; `scale` is inches per unit."""
-    rough = 0.4 * widest
-    decade = 10.0 ** np.floor(np.log10(rough))
-    length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= rough)
+    length = round_length(0.4 * widest)
     x, y = WIDTH_IN - 0.25, 0.14
     axes.plot([x - length * scale, x], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt", gid="scale-bar")
     axes.text(x - length * scale - 0.07, y, f"{length:g}{unit}", ha="right", va="center", fontsize=8.0)
