@@ -9,7 +9,7 @@ import numpy as np
 
 from ori_deploy.design import ConeEmbedding, ConeStructure, build_cone, embed_cone
 from ori_deploy.layout import make_layout, ring
-from ori_deploy.profiles import Cone, Naca4, Superellipse
+from ori_deploy.profiles import Clover, Cone, Naca4, Superellipse
 from tests.shapes import peanut, polygon, structure
 
 
@@ -58,6 +58,7 @@ CONES: dict[str, Callable[[], ConeStructure]] = {
     "two inner vertices": lambda: coned("two inner vertices", (0.0, 0.0, -2.0), 0.004),
     "superellipse 4": lambda: coned("superellipse 4, m = 3.5", (0.3, 0.1, -3.0), 0.005),
     "hollow 8": lambda: build_cone(cone_ring(Cone(peanut(), (0.0, 0.0, -3.0)), 8, phase=0.0), 0.003),
+    "clover 6": lambda: build_cone(cone_ring(Cone(Clover(0.1, 0.25), (0.0, 0.0, -0.4)), 6, phase=0.0), 0.002),
     "pyramid 5": lambda: build_cone(cone_ring(Cone(polygon(), (0.0, 0.0, -0.6)), 5, phase=0.25, slit="O2"), 0.003),
     "oblique 6": lambda: build_cone(cone_ring(Cone(Superellipse(0.3, 0.3), (1.0, 0.2, -1.0)), 6), 0.002),
     "tapered wing": lambda: coned("wing", (0.25, 0.0, 6.0), 0.0008),
