@@ -384,9 +384,6 @@ class MockBus(ActuatorBus):
 
 
 def _simulated(latch: Latch, rig: ResolvedRig, closed_rad: FloatArray) -> SimulatedLatch:
-    """A latch on a slit depends on every cell; one on a cell depends on that cell."""
-    reach = np.abs(rig.shaft_per_crease) * latch.capture_range_rad
-    kind, _, name = latch.secures.partition(":")
-    if kind == "cell":
-        reach = np.where([cell == name for cell in rig.cell_ids], reach, np.inf)
-    return SimulatedLatch(id=latch.id, model=latch, closed_rad=closed_rad.copy(), range_rad=reach)
+    return SimulatedLatch(
+        id=latch.id, model=latch, closed_rad=closed_rad.copy(), range_rad=rig.latch_reach(latch)
+    )

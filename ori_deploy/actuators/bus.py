@@ -55,6 +55,14 @@ class ActuatorFault(BusError):
         self.actuator_id = actuator_id
 
 
+class ActuatorRestarted(ActuatorFault):
+    """An actuator restarted: its torque is off, and it may have forgotten how many turns it had made."""
+
+
+class WatchdogTripped(ActuatorFault):
+    """An actuator heard nothing for too long and stopped where it was; it takes no goals until that is cleared."""
+
+
 class LatchTripped(ActuatorFault):
     """A latch shut itself off to protect itself, and refuses to work until it has recovered."""
 

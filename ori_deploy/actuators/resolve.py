@@ -12,10 +12,13 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ori_deploy.actuators.dynamixel.throughput import check_rate, planned_times
+from ori_deploy.actuators.dynamixel.wiring import Wiring, resolve_wiring
 from ori_deploy.actuators.rig import (
     CREASE_ORDER,
     STOW_POINT,
     Actuator,
+    Backend,
     CellTemplate,
     ControllerSettings,
     Hinge,
@@ -43,8 +46,10 @@ class ResolvedRig:
         Latches that secure the deployed state, and those that secure the stowed one.
     passive
         Limits of the creases that are not driven.
-    rate_hz, controller, mock
+    backend, rate_hz, controller, mock
         As in the rig file.
+    wiring
+        Which Dynamixel servo is which; None for other backends.
     source, sha256
         The file and its digest; None and "" for a rig that came from no file.
     """
@@ -55,9 +60,11 @@ class ResolvedRig:
     latches: tuple[Latch, ...]
     stow_locks: tuple[Latch, ...]
     passive: PassiveCreases
+    backend: Backend
     rate_hz: float
     controller: ControllerSettings
     mock: MockSettings
+    wiring: Wiring | None
     source: str | None
     sha256: str
 
@@ -122,6 +129,17 @@ class ResolvedRig:
             )
         return velocity, acceleration
 
+    def latch_reach(self, latch: Latch) -> FloatArray:
+        """(n_hinges,) how far from closed a shaft may be for a latch to take hold; inf where it does not matter.
+
+        A latch on a slit or on the stack depends on every cell, one on a cell on that cell alone.
+        """
+        reach = np.abs(self.shaft_per_crease) * latch.capture_range_rad
+        kind, _, name = latch.secures.partition(":")
+        if kind == "cell":
+            reach = np.where([cell == name for cell in self.cell_ids], reach, np.inf)
+        return reach
+
     def check_range(self, crease_angles_rad: ArrayLike) -> None:
         """Check that every shaft can follow a motion, with `start_tolerance_rad` to spare at both ends.
 
@@ -171,16 +189,23 @@ def resolve_rig(rig: Rig, cell_ids: Sequence[str], latch_points: Sequence[str]) 
     by_id = {actuator.id: actuator for actuator in actuators}
     by_cell = {hinge.cell: hinge for hinge in hinges}
     in_order = tuple(by_cell[cell] for cell in cell_ids)
+    driven = tuple(by_id[hinge.actuator] for hinge in in_order)
+    wiring = None
+    if rig.backend == "dynamixel" and rig.dynamixel is not None:
+        wiring = resolve_wiring(rig.dynamixel, driven, latches, rig.source)
+        check_rate(wiring, planned_times(wiring), rig.rate_hz, fast=rig.dynamixel.fast_sync_read, source=rig.source)
     return ResolvedRig(
         cell_ids=tuple(cell_ids),
         hinges=in_order,
-        actuators=tuple(by_id[hinge.actuator] for hinge in in_order),
+        actuators=driven,
         latches=tuple(latch for latch in latches if latch.secures != STOW_POINT),
         stow_locks=tuple(latch for latch in latches if latch.secures == STOW_POINT),
         passive=rig.passive_creases,
+        backend=rig.backend,
         rate_hz=rig.rate_hz,
         controller=rig.controller,
         mock=rig.mock,
+        wiring=wiring,
         source=rig.source,
         sha256=rig.sha256,
     )

@@ -12,19 +12,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    StrictStr,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BeforeValidator, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
+from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
+from ori_deploy.actuators.numbers import (
+    STRICT,
+    Count,
+    Finite,
+    Fraction,
+    Name,
+    NonNegative,
+    Positive,
+    at_most,
+    between,
+)
 from ori_deploy.errors import RigError
 
 SCHEMA = "ori-deploy/rig/1"
@@ -36,41 +39,11 @@ Crease = Literal["open_c", "open_d", "close_a", "close_b"]
 CREASE_ORDER: tuple[Crease, ...] = ("open_c", "open_d", "close_a", "close_b")
 """The design's order of creases, on every array axis of length 4."""
 
+Backend = Literal["mock", "dynamixel"]
 LatchKind = Literal["magnet", "electromagnet", "lock_pin"]
 
 MAX_PATH_TOLERANCE_RAD = 1.0
 MAX_HEALTH_PERIOD_S = 10.0
-
-_Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
-_NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
-_Fraction = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False, strict=True)]
-_Name = Annotated[StrictStr, Field(min_length=1)]
-_Count = Annotated[int, Field(ge=0, strict=True)]
-
-_STRICT = ConfigDict(extra="forbid")
-
-
-def _between(low: float, high: float, reason: str) -> AfterValidator:
-    """Bounds of sense, inclusive: beyond them a number is a slip of the pen, and the rig unsafe."""
-
-    def check(value: float) -> float:
-        if not low <= value <= high:
-            raise ValueError(f"{low:g} to {high:g}: {reason}")
-        return value
-
-    return AfterValidator(check)
-
-
-def _at_most(high: float, reason: str) -> AfterValidator:
-    """An upper bound of sense, inclusive."""
-
-    def check(value: float) -> float:
-        if value > high:
-            raise ValueError(f"at most {high:g}: {reason}")
-        return value
-
-    return AfterValidator(check)
 
 
 def _plain_integer(value: object) -> object:
@@ -80,32 +53,32 @@ def _plain_integer(value: object) -> object:
 
 
 _Rate = Annotated[
-    _Positive,
-    _between(10.0, 2000.0, "slower cannot stop cells in time, faster no bus can follow"),
+    Positive,
+    between(10.0, 2000.0, "slower cannot stop cells in time, faster no bus can follow"),
 ]
 _Direction = Annotated[Literal[1, -1], BeforeValidator(_plain_integer)]
-_GearRatio = Annotated[_Positive, _between(1e-3, 1e4, "no gear between shaft and crease is beyond that")]
-_Zero = Annotated[_Finite, _between(-1e4, 1e4, "farther out, shaft positions lose their resolution")]
-_Patience = Annotated[_Positive, _at_most(600.0, "whoever waits longer never learns of a failure")]
-_PathTolerance = Annotated[_Positive, _at_most(MAX_PATH_TOLERANCE_RAD, "a stalled crease would go unnoticed")]
-_StartTolerance = Annotated[_Positive, _at_most(0.5, "farther off, cells are not on the path")]
-_ReadingAge = Annotated[_Positive, _at_most(1.0, "older readings say nothing of where cells are")]
-_LostReplies = Annotated[_Count, _at_most(20, "a silent hinge would be driven blind for too long")]
-_HoldRamp = Annotated[_Positive, _at_most(2.0, "after a fault the structure has to come to rest soon")]
-_AlignVelocity = Annotated[_Positive, _at_most(1.0, "cells are brought into step slowly, they may touch")]
-_Temperature = Annotated[_Finite, _at_most(120.0, "no servo survives more")]
-_HealthPeriod = Annotated[_Positive, _at_most(MAX_HEALTH_PERIOD_S, "a hot or sagging servo has to be seen in time")]
+_GearRatio = Annotated[Positive, between(1e-3, 1e4, "no gear between shaft and crease is beyond that")]
+_Zero = Annotated[Finite, between(-1e4, 1e4, "farther out, shaft positions lose their resolution")]
+_Patience = Annotated[Positive, at_most(600.0, "whoever waits longer never learns of a failure")]
+_PathTolerance = Annotated[Positive, at_most(MAX_PATH_TOLERANCE_RAD, "a stalled crease would go unnoticed")]
+_StartTolerance = Annotated[Positive, at_most(0.5, "farther off, cells are not on the path")]
+_ReadingAge = Annotated[Positive, at_most(1.0, "older readings say nothing of where cells are")]
+_LostReplies = Annotated[Count, at_most(20, "a silent hinge would be driven blind for too long")]
+_HoldRamp = Annotated[Positive, at_most(2.0, "after a fault the structure has to come to rest soon")]
+_AlignVelocity = Annotated[Positive, at_most(1.0, "cells are brought into step slowly, they may touch")]
+_Temperature = Annotated[Finite, at_most(120.0, "no servo survives more")]
+_HealthPeriod = Annotated[Positive, at_most(MAX_HEALTH_PERIOD_S, "a hot or sagging servo has to be seen in time")]
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class ActuatorLimits:
     """What an actuator can do, at its shaft."""
 
-    max_velocity_rad_s: _Positive
-    max_acceleration_rad_s2: _Positive
-    max_torque_nm: _Positive
-    min_position_rad: _Finite
-    max_position_rad: _Finite
+    max_velocity_rad_s: Positive
+    max_acceleration_rad_s2: Positive
+    max_torque_nm: Positive
+    min_position_rad: Finite
+    max_position_rad: Finite
 
     @model_validator(mode="after")
     def _range_is_not_empty(self) -> ActuatorLimits:
@@ -114,14 +87,14 @@ class ActuatorLimits:
         return self
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class Actuator(ActuatorLimits):
     """A named actuator."""
 
-    id: _Name
+    id: Name
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class Drive:
     """How an actuator turns a crease, and how fast the crease may turn.
 
@@ -144,26 +117,26 @@ class Drive:
     direction: _Direction = 1
     gear_ratio: _GearRatio = 1.0
     zero_rad: _Zero = 0.0
-    max_crease_velocity_rad_s: _Positive | None = None
-    max_crease_acceleration_rad_s2: _Positive | None = None
+    max_crease_velocity_rad_s: Positive | None = None
+    max_crease_acceleration_rad_s2: Positive | None = None
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class Hinge(Drive):
     """One driven crease of one cell, by name."""
 
-    actuator: _Name
-    cell: _Name
+    actuator: Name
+    cell: Name
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class CellTemplate(Drive):
     """What every cell gets that has no hinge of its own in the file."""
 
     actuator: ActuatorLimits
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class LatchModel:
     """A kind of latch, its limits and its patience.
 
@@ -185,10 +158,10 @@ class LatchModel:
 
     kind: LatchKind
     timeout_s: _Patience = 3.0
-    capture_range_rad: _Positive = 0.03
-    max_on_s: _Positive | None = None
-    duty_cycle: _Fraction | None = None
-    travel_s: _Positive | None = None
+    capture_range_rad: Positive = 0.03
+    max_on_s: Positive | None = None
+    duty_cycle: Fraction | None = None
+    travel_s: Positive | None = None
 
     @model_validator(mode="after")
     def _keys_belong_to_the_kind(self) -> LatchModel:
@@ -211,7 +184,7 @@ class LatchModel:
         return self
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class Latch(LatchModel):
     """One latch.
 
@@ -221,19 +194,19 @@ class Latch(LatchModel):
         A slit ("slit:P-T2"), a cell that touches no inner vertex ("cell:c3"), or "stow".
     """
 
-    id: _Name
-    secures: _Name
+    id: Name
+    secures: Name
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class PassiveCreases:
     """Limits of the creases that no actuator drives; without them they have none."""
 
-    max_velocity_rad_s: _Positive | None = None
-    max_acceleration_rad_s2: _Positive | None = None
+    max_velocity_rad_s: Positive | None = None
+    max_acceleration_rad_s2: Positive | None = None
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class ControllerSettings:
     """When the controller refuses, slows, stops or gives up. Angles are those of the driven creases.
 
@@ -265,14 +238,14 @@ class ControllerSettings:
 
     path_tolerance_rad: _PathTolerance = 0.10
     start_tolerance_rad: _StartTolerance = 0.05
-    goal_tolerance_rad: _Positive = 0.02
+    goal_tolerance_rad: Positive = 0.02
     settle_timeout_s: _Patience = 2.0
     max_reading_age_s: _ReadingAge = 0.05
     lost_replies_allowed: _LostReplies = 2
     hold_ramp_s: _HoldRamp = 0.25
     align_velocity_rad_s: _AlignVelocity = 0.1
     max_temperature_c: _Temperature = 70.0
-    min_voltage_v: _NonNegative = 10.0
+    min_voltage_v: NonNegative = 10.0
     health_period_s: _HealthPeriod = 0.05
     at_close: Literal["hold", "relax"] = "hold"
 
@@ -286,7 +259,7 @@ class ControllerSettings:
         return self
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class MockSettings:
     """The simulated servos, all alike. Angles and torques are those of the shaft.
 
@@ -306,18 +279,18 @@ class MockSettings:
         Supply without load, its inner resistance, and the surroundings.
     """
 
-    seed: _Count = 1
-    time_constant_s: _Positive = 0.03
-    noise_rad: _NonNegative = 0.001
-    encoder_step_rad: _Positive = 0.001534
-    backlash_rad: _NonNegative = 0.005
-    load_nm: _NonNegative = 0.3
-    supply_v: _Positive = 12.0
-    supply_ohm: _NonNegative = 0.05
-    ambient_c: _Finite = 23.0
+    seed: Count = 1
+    time_constant_s: Positive = 0.03
+    noise_rad: NonNegative = 0.001
+    encoder_step_rad: Positive = 0.001534
+    backlash_rad: NonNegative = 0.005
+    load_nm: NonNegative = 0.3
+    supply_v: Positive = 12.0
+    supply_ohm: NonNegative = 0.05
+    ambient_c: Finite = 23.0
 
 
-@dataclass(frozen=True, config=_STRICT, kw_only=True)
+@dataclass(frozen=True, config=STRICT, kw_only=True)
 class Rig:
     """A rig file as it stands; `ori_deploy.actuators.resolve.resolve_rig` fits it to a design.
 
@@ -325,7 +298,7 @@ class Rig:
     """
 
     schema: Literal["ori-deploy/rig/1"]
-    backend: Literal["mock"]
+    backend: Backend
     rate_hz: _Rate
     actuator: tuple[Actuator, ...] = ()
     hinge: tuple[Hinge, ...] = ()
@@ -335,8 +308,15 @@ class Rig:
     passive_creases: PassiveCreases = PassiveCreases()
     controller: ControllerSettings = ControllerSettings()
     mock: MockSettings = MockSettings()
+    dynamixel: DynamixelSettings | None = None
     source: str | None = None
     sha256: str = ""
+
+    @model_validator(mode="after")
+    def _a_backend_has_its_table(self) -> Rig:
+        if self.backend == "dynamixel" and self.dynamixel is None:
+            raise ValueError('backend = "dynamixel" needs a table [dynamixel] with port and baud')
+        return self
 
 
 _RIG = TypeAdapter(Rig)

@@ -10,6 +10,7 @@ import numpy as np
 from ori_deploy.actuators.bus import (
     ActuatorBus,
     ActuatorFault,
+    ActuatorRestarted,
     BusClosed,
     BusError,
     BusTimeout,
@@ -19,6 +20,7 @@ from ori_deploy.actuators.bus import (
     HingeReadings,
     LatchReading,
     LatchTripped,
+    WatchdogTripped,
     believable,
 )
 from ori_deploy.actuators.rig import Latch
@@ -31,6 +33,8 @@ _KINDS: tuple[tuple[type[BusError], FaultKind], ...] = (
     (BusClosed, FaultKind.BUS_CLOSED),
     (CommandRefused, FaultKind.COMMAND_REFUSED),
     (LatchTripped, FaultKind.LATCH_TRIPPED),
+    (ActuatorRestarted, FaultKind.RESTARTED),
+    (WatchdogTripped, FaultKind.WATCHDOG),
     (ActuatorFault, FaultKind.HARDWARE_ERROR),
     (BusError, FaultKind.BUS_ERROR),
 )

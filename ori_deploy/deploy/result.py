@@ -31,6 +31,8 @@ class FaultKind(StrEnum):
     LOW_VOLTAGE = auto()
     HARDWARE_ERROR = auto()
     TORQUE_LOST = auto()
+    RESTARTED = auto()
+    WATCHDOG = auto()
     LATCH_TIMEOUT = auto()
     LATCH_TRIPPED = auto()
     LATCH_LOST = auto()
