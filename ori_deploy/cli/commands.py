@@ -19,7 +19,7 @@ from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, Commands, cons
 from ori_deploy.cli.layouts import layouts_command
 from ori_deploy.cli.limit import limit
 from ori_deploy.cli.optimise import Request, default_workers
-from ori_deploy.cli.session import Command, carry_out
+from ori_deploy.cli.session import Command, Place, carry_out
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_option, span_poses, tell_span
 from ori_deploy.cli.steps import (
     DESIGN_ENDING,
@@ -223,10 +223,31 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
     @click.option("--rig", type=_IN, required=True, help="Rig file the plan was made with.")
     @click.option("--log", type=_OUT, help="Flight log to write (MCAP).")
     @click.option("--realtime", is_flag=True, help="Pace to the wall instead of the virtual clock.")
+    @click.option("--port", help="Device of the bus, instead of the one in the rig.")
+    @click.option(
+        "--stands",
+        type=click.Choice(["stowed", "deployed"]),
+        help="Your word for where the structure stands, after servos of more than one turn were switched on.",
+    )
     @span_option(name)
-    def command(plan_file: Path, rig: Path, log: Path | None, realtime: bool, span_unfolded: bool = False) -> None:
+    def command(
+        plan_file: Path,
+        rig: Path,
+        log: Path | None,
+        realtime: bool,
+        port: str | None,
+        stands: Place | None,
+        span_unfolded: bool = False,
+    ) -> None:
         made, results, stopped = carry_out(
-            plan_file, rig, (name,), log, realtime=realtime, span_unfolded=span_unfolded
+            plan_file,
+            rig,
+            (name,),
+            log,
+            realtime=realtime,
+            span_unfolded=span_unfolded,
+            port=port,
+            stands=stands,
         )
         if not results:
             click.echo("interrupted: before anything moved", err=True)

@@ -11,7 +11,10 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Literal, Self
 
+import numpy as np
+
 from ori_deploy.actuators.bus import ActuatorBus
+from ori_deploy.actuators.dynamixel.bus import DynamixelBus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import warn
@@ -22,13 +25,14 @@ from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
 from ori_deploy.deploy.span import require_unfolded
 from ori_deploy.deploy.states import State
-from ori_deploy.errors import FileError, RigError
+from ori_deploy.errors import FileError, InputError, RigError
 from ori_deploy.files import digest, load_plan
 from ori_deploy.motion import Plan
 from ori_deploy.telemetry.log import LogWriter
 from sim_backends.mock import MockBus
 
 Command = Literal["deploy", "stow"]
+Place = Literal["stowed", "deployed"]
 
 _DWELL_S = 1.0
 """Pause between two commands of one session."""
@@ -54,10 +58,41 @@ def rig_for(path: Path, plan: Plan) -> ResolvedRig:
     return rig
 
 
-def make_bus(rig: ResolvedRig, plan: Plan, clock: Clock, start: Literal["stowed", "deployed"]) -> ActuatorBus:
-    """The bus a rig asks for. Simulated servos are found at `start`."""
+def make_bus(
+    rig: ResolvedRig, plan: Plan, clock: Clock, start: Place, port: str | None, stands: Place | None
+) -> ActuatorBus:
+    """The bus a rig asks for. Simulated servos of the mock are found at `start`.
+
+    Raises
+    ------
+    InputError
+        `port` or `stands` is given for a backend that has neither.
+    """
     ends = plan.crease_angles_rad[[0, -1]]
+    if rig.backend == "dynamixel":
+        return DynamixelBus.from_rig(rig, clock, ends[0], ends[1], port=port)
+    for option, value in (("--port", port), ("--stands", stands)):
+        if value is not None:
+            raise InputError(
+                f'{option}: does not go with backend = "{rig.backend}"',
+                value=value,
+                remedy='leave it out, or use a rig with backend = "dynamixel"',
+            )
     return MockBus.from_rig(rig, clock, ends[0], ends[1], start=start)
+
+
+def vouch_for(bus: ActuatorBus, rig: ResolvedRig, plan: Plan, stands: Place | None) -> None:
+    """Pass on somebody's word for where the structure stands, where the bus needs one.
+
+    Raises
+    ------
+    CommandRefused
+        It is measured elsewhere.
+    """
+    if stands is None or not isinstance(bus, DynamixelBus):
+        return
+    shaft = rig.to_actuator(plan.crease_angles_rad[0 if stands == "stowed" else -1])
+    bus.vouch(shaft, rig.controller.start_tolerance_rad * np.abs(rig.shaft_per_crease))
 
 
 class StopRequest:
@@ -98,6 +133,8 @@ def carry_out(
     *,
     realtime: bool,
     span_unfolded: bool = False,
+    port: str | None = None,
+    stands: Place | None = None,
 ) -> tuple[Plan, tuple[MotionResult, ...], bool]:
     """Connect, arm, and carry commands out until one does not succeed or a signal comes.
 
@@ -110,9 +147,13 @@ def carry_out(
     log_path
         Where the flight log goes; None for none.
     realtime
-        Pace to the wall instead of the virtual clock.
+        Pace to the wall instead of the virtual clock; hardware always is.
     span_unfolded
         Whether somebody says that a span in segments is unfolded; without it, its cells are not opened.
+    port
+        Of the bus, instead of the one in the rig.
+    stands
+        Somebody's word for where the structure stands, for servos that forgot their turns.
 
     Returns
     -------
@@ -131,13 +172,16 @@ def carry_out(
     if "deploy" in commands:
         require_unfolded(plan, span_unfolded)  # before anything is armed
     rig = rig_for(rig_path, plan)
-    clock: Clock = MonotonicClock() if realtime else VirtualClock(time.monotonic())
-    bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed")
+    real = realtime or rig.backend != "mock"
+    clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
+    bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", port, stands)
     results: list[MotionResult] = []
     with StopRequest() as stop, Live(plan, rig) as live, _log(log_path, plan, rig, digest(plan_path)) as log:
         observers = (live,) if log is None else (log, live)
         with Controller(plan, rig, bus, clock, observers) as controller:
             controller.connect()
+            tell_advice(bus)
+            vouch_for(bus, rig, plan, stands)
             controller.arm()
             for command in commands:
                 if stop.requested:
@@ -155,6 +199,12 @@ def carry_out(
                 if command != commands[-1]:
                     _dwell(controller, rig)
     return plan, tuple(results), stop.requested
+
+
+def tell_advice(bus: ActuatorBus) -> None:
+    """What works on the bus and could work better."""
+    for text in bus.advice if isinstance(bus, DynamixelBus) else ():
+        warn(text)
 
 
 def run_command(controller: Controller, stop: StopRequest) -> MotionResult:
