@@ -384,6 +384,4 @@ class MockBus(ActuatorBus):
 
 
 def _simulated(latch: Latch, rig: ResolvedRig, closed_rad: FloatArray) -> SimulatedLatch:
-    return SimulatedLatch(
-        id=latch.id, model=latch, closed_rad=closed_rad.copy(), range_rad=rig.latch_reach(latch)
-    )
+    return SimulatedLatch(id=latch.id, model=latch, closed_rad=closed_rad.copy(), range_rad=rig.latch_reach(latch))

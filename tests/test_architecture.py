@@ -65,7 +65,7 @@ def test_simulators_know_nothing_of_the_controller() -> None:
     for path in (ROOT / "sim_backends").rglob("*.py"):
         for name in imports(path):
             if name.startswith("ori_deploy."):
-                assert name.split(".")[1] in {"actuators", "wire", *COMMON}, f"{path} imports {name}"
+                assert name.split(".")[1] in {"actuators", "wire", "files", *COMMON}, f"{path} imports {name}"
 
 
 @pytest.mark.parametrize("room", NO_IO)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,50 +17,13 @@ from ori_deploy.actuators.bus import (
     CorruptReply,
     HardwareError,
 )
-from ori_deploy.clock import Clock, VirtualClock
-from sim_backends.mock import MockBus
-from tests.deploy.synthetic import synthetic_plan, synthetic_rig
-
-N = 4
-STEP_RAD = 0.2
-
-
-@dataclass
-class Subject:
-    """A backend under test, its structure half-way open, with one magnet per latch point and a stow pin."""
-
-    bus: ActuatorBus
-    clock: Clock
-    drop: Callable[[str, int], None]
-    corrupt: Callable[[str, int], None]
-    mute: Callable[[str], None]
-    overload: Callable[[str], None]
-    unplug: Callable[[], None]
-    replug: Callable[[], None]
-
-    def wait(self, duration_s: float) -> None:
-        self.clock.sleep_until(self.clock.now() + duration_s)
-
-    def positions(self) -> np.ndarray:
-        return self.bus.read_hinges().position_rad
-
-
-def mock() -> Subject:
-    plan = synthetic_plan(N)
-    pin = {"id": "pin", "secures": "stow", "kind": "lock_pin", "travel_s": 0.2}
-    rig = synthetic_rig(plan, latch=[pin])
-    clock = VirtualClock()
-    angles = plan.crease_angles_rad
-    bus = MockBus.from_rig(rig, clock, angles[0], angles[-1], start_rad=angles[len(angles) // 2])
-    return Subject(bus, clock, bus.drop_replies, bus.corrupt_replies, bus.mute, bus.overload, bus.unplug, bus.replug)
-
-
-BACKENDS = {"mock": mock}
+from tests.contract.backends import BACKENDS, STEP_RAD, N, Subject
 
 
 @pytest.fixture(params=BACKENDS)
-def subject(request: pytest.FixtureRequest) -> Subject:
-    return BACKENDS[request.param]()
+def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]:
+    with BACKENDS[request.param](tmp_path) as made:
+        yield made
 
 
 @pytest.fixture

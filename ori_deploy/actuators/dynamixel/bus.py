@@ -291,6 +291,10 @@ class DynamixelBus(ActuatorBus):
                 f"torque stays off: {', '.join(lost)} restarted, and may be whole turns from where it says; "
                 "remedy: say where the structure stands, for instance --stands stowed"
             )
+        for servo in self._wiring.hinges:
+            errors = hardware_error(read(self._line, servo.id, servo.model.table.hardware_error_status))
+            if errors:
+                raise ActuatorFault(servo.name, f"reports {errors.name}, torque stays off; remedy: clear the fault")
         self._stop_watching()
         self._send_goals()  # again: a servo whose watchdog had tripped took none
         for servo, goal in zip(self._wiring.hinges, self._goal, strict=True):
@@ -301,14 +305,19 @@ class DynamixelBus(ActuatorBus):
                     "remedy: check that its range and the rig's agree"
                 )
         for servo in self._wiring.hinges:
-            write(self._line, servo.id, servo.model.table.torque_enable, 1)
-            if not read(self._line, servo.id, servo.model.table.torque_enable):
-                errors = hardware_error(read(self._line, servo.id, servo.model.table.hardware_error_status))
-                self._torque_off()
-                raise ActuatorFault(
-                    servo.name, f"takes no torque, reports {errors.name}; all torque is off; remedy: clear the fault"
-                )
+            self._energise(servo)
         self._holding = True
+
+    def _energise(self, servo: HingeServo) -> None:
+        """Torque on for one; when it does not take it, off for all."""
+        register = servo.model.table.torque_enable
+        try:
+            write(self._line, servo.id, register, 1)
+            if not read(self._line, servo.id, register):
+                raise ActuatorFault(servo.name, "takes no torque; all torque is off; remedy: clear the fault")
+        except BusError:
+            self._torque_off()
+            raise
 
     @_noticing_loss
     def _read_hinges(self) -> HingeReadings:

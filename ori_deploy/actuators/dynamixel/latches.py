@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import CommandRefused, HingeReadings, LatchReading
 from ori_deploy.actuators.dynamixel.line import Reply, ServoLine
+from ori_deploy.actuators.dynamixel.readings import hardware_error
 from ori_deploy.actuators.dynamixel.startup import read, write
 from ori_deploy.actuators.dynamixel.wiring import PinServo
 from ori_deploy.actuators.rig import Latch
@@ -122,7 +123,7 @@ class Latches:
         fault = None
         if reply.alert:
             errors = read(line, pin.id, pin.model.table.hardware_error_status)
-            fault = f"its servo (id {pin.id}) reports hardware error {errors:#04x}"
+            fault = f"its servo (id {pin.id}) reports {hardware_error(errors).name}"
         confirmed = _near(pin, count, pin.engaged_count)
         return LatchReading(name, self._engaged[name], confirmed, valid=True, time_s=now, fault=fault)
 
@@ -143,14 +144,14 @@ class Latches:
         if read(line, pin.id, table.bus_watchdog) < 0:
             write(line, pin.id, table.bus_watchdog, 0)
         if not read(line, pin.id, table.torque_enable):
-            write(line, pin.id, table.goal_position, read(line, pin.id, table.present_position))
-            write(line, pin.id, table.torque_enable, 1)
-            if not read(line, pin.id, table.torque_enable):
-                errors = read(line, pin.id, table.hardware_error_status)
+            errors = read(line, pin.id, table.hardware_error_status)
+            if errors:
                 raise CommandRefused(
-                    f"{pin.latch}: its servo (id {pin.id}) takes no torque, hardware error {errors:#04x}; "
+                    f"{pin.latch}: its servo (id {pin.id}) reports {hardware_error(errors).name} and takes no torque; "
                     "remedy: free the pin, then ori-deploy bus reset-error"
                 )
+            write(line, pin.id, table.goal_position, read(line, pin.id, table.present_position))
+            write(line, pin.id, table.torque_enable, 1)
         write(line, pin.id, table.bus_watchdog, self._watchdog_units)
 
 

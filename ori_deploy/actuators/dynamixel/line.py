@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from dynamixel_sdk import COMM_SUCCESS, Protocol2PacketHandler
 
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
-from ori_deploy.actuators.dynamixel.fast_reply import split_fast_reply
+from ori_deploy.actuators.dynamixel.fast_reply import BLOCK_OVERHEAD, split_fast_reply
 from ori_deploy.actuators.dynamixel.port import BITS_PER_BYTE, FRAME_OVERHEAD, SHORTEST_FRAME, BlockingPort
 from ori_deploy.wire.dynamixel import MODELS_BY_NUMBER, Register, ServoModel
 
@@ -205,7 +205,8 @@ class ServoLine:
         ids
             In the order in which they are to answer.
         fast
-            All answers in one packet (fast sync read): every servo's firmware has to know it.
+            All answers in one packet (fast sync read): every servo's firmware has to know it. A servo that
+            stays silent ends that packet; those behind it are then asked the plain way.
 
         Raises
         ------
@@ -214,7 +215,9 @@ class ServoLine:
         """
         instruction = 0x8A if fast else 0x82
         packet = _packet(BROADCAST, instruction, *_words(address, size), *ids)
-        return self._collect_fast(packet, size, ids) if fast else self._collect(packet, size, ids)
+        if fast:
+            return self._collect_fast(packet, address, size, ids)
+        return self._collect(packet, size, ids)
 
     def _collect(self, packet: list[int], size: int, ids: Sequence[int]) -> Replies:
         frame = SHORTEST_FRAME + size
@@ -234,14 +237,22 @@ class ServoLine:
                 good += 1
         return Replies(by_id, garbage=self.port.heard > good * frame)
 
-    def _collect_fast(self, packet: list[int], size: int, ids: Sequence[int]) -> Replies:
-        total = FRAME_OVERHEAD + 1 + (size + 4) * len(ids)
+    def _collect_fast(self, packet: list[int], address: int, size: int, ids: Sequence[int]) -> Replies:
+        total = FRAME_OVERHEAD + 1 + (size + BLOCK_OVERHEAD) * len(ids)
         self._send(packet, total, total)
         self.port.give(self._wire_s(len(packet) + total) + self._pause_s)
         raw = self.port.fast_frame(total)
         blocks = split_fast_reply(raw, size, ids, self._sdk.updateCRC)
         by_id = {servo_id: Reply(data, bool(error & ALERT)) for servo_id, (error, data) in blocks.items()}
-        return Replies(by_id, garbage=len(by_id) < len(ids) and self.port.heard > 0)
+        heard = self.port.heard
+        garbage = len(by_id) < len(ids) and heard > 0
+        n_blocks = max(0, (len(raw) - FRAME_OVERHEAD - 1) // (size + BLOCK_OVERHEAD))
+        unheard = ids[n_blocks + 1 :] if heard < total else ()
+        if unheard:
+            rest = self.sync_read(address, size, unheard)
+            by_id |= dict(rest.by_id)
+            garbage |= rest.garbage
+        return Replies(by_id, garbage)
 
     # -- packets -------------------------------------------------------------------------------------
 

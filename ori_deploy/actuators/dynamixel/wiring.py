@@ -78,6 +78,14 @@ class PinServo:
     released_count: int
 
     @property
+    def angles_rad(self) -> tuple[float, float]:
+        """Shaft positions, engaged and released."""
+        engaged, released = (
+            (count - CENTRE_COUNT) * RAD_PER_COUNT for count in (self.engaged_count, self.released_count)
+        )
+        return engaged, released
+
+    @property
     def mode(self) -> OperatingMode:
         """Gives way when the pin does not find its hole, where the model can measure current."""
         limp = OperatingMode.CURRENT_BASED_POSITION

@@ -215,7 +215,16 @@ def test_noise_is_not_believed(seed: int) -> None:
 
 
 @pytest.mark.parametrize("length", [0, 5, 8, 20, 22, 36, 49])
-def test_a_fast_reply_cut_short_keeps_what_came(length: int) -> None:
-    found, _ = read_of(fast_reply(DATA, 10)[:length], fast=True)
-    whole = max(0, (length - 8) // 14)
-    assert found == {i: DATA[i] for i in IDS[:whole]}
+def test_a_fast_reply_cut_short_keeps_what_came_and_asks_those_behind_the_silent_one(length: int) -> None:
+    def answer(request: bytes) -> bytes:
+        if request[7] == 0x8A:
+            return fast_reply(DATA, 10)[:length]
+        return b"".join(status(i, DATA[i]) for i in request[12:-2])
+
+    with ScriptedPort(answer) as scripted:
+        found = scripted.line.sync_read(126, 10, IDS, fast=True)
+    silent = IDS[max(0, (length - 8) // 14)]
+    assert {i: reply.data for i, reply in found.by_id.items()} == {i: DATA[i] for i in IDS if i != silent}
+    assert [list(request[12:-2]) for request in scripted.sent[1:]] == (
+        [list(range(silent + 1, 5))] if silent < 4 else []
+    )

@@ -1,0 +1,1 @@
+"""Simulated Dynamixel X-series servos on a bus. Written from the protocol's definition, without the SDK."""

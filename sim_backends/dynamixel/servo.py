@@ -1,0 +1,422 @@
+"""One servo's control table: what may be read and written when, and what that does to its motor.
+
+Source: e-manual, control tables of the X series, and Protocol 2.0, table "Error".
+"""
+
+from __future__ import annotations
+
+from math import floor, inf, pi
+from struct import pack_into
+
+from ori_deploy.wire.dynamixel import BAUD_CODES, OperatingMode, Register, model_named
+from ori_deploy.wire.dynamixel.models import RPM, WATCHDOG_FIRMWARE
+from ori_deploy.wire.dynamixel.registers import (
+    ACCELERATION_UNIT_RPM2,
+    CENTRE_COUNT,
+    COUNTS_PER_TURN,
+    LOAD_UNIT,
+    VELOCITY_UNIT_RPM,
+    VOLTAGE_UNIT_V,
+    WATCHDOG_TRIPPED,
+    WATCHDOG_UNIT_S,
+    IndirectBlock,
+)
+from sim_backends.dynamixel.motors import MOVING_RAD_S, OVERLOAD_AFTER_S, Motors
+from sim_backends.dynamixel.spec import ServoSpec
+
+RESULT_FAIL, INSTRUCTION, CRC, DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = range(1, 8)
+ALERT = 0x80
+
+INPUT_VOLTAGE, OVERHEATING, OVERLOAD = 0x01, 0x04, 0x20
+"""Bits of Hardware Error Status (70) and Shutdown (63)."""
+
+TABLE_END = 662
+RAD_PER_COUNT = 2.0 * pi / COUNTS_PER_TURN
+FARTHEST_COUNT = 1_048_575
+"""Goals of extended position: 256 turns either way."""
+
+BOOT_S = 0.25
+_MULTI_TURN = (OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION)
+_BAUD_OF_CODE = {code: baud for baud, code in BAUD_CODES.items()}
+
+
+class Refusal(Exception):
+    """An instruction that a servo answers with an error.
+
+    Attributes
+    ----------
+    code
+        Of the protocol.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+class Servo:
+    """Control table and behaviour of one servo.
+
+    Parameters
+    ----------
+    spec, baud
+        As it is switched on, and the rate of the bus.
+    motors, k
+        Where its motor is simulated.
+
+    Attributes
+    ----------
+    silent_until
+        It restarts, and hears nothing before.
+    """
+
+    def __init__(self, spec: ServoSpec, baud: int, motors: Motors, k: int) -> None:
+        self.spec = spec
+        self.model = model_named(spec.model)
+        self.table = self.model.table
+        self._motors, self._k = motors, k
+        self._memory = bytearray(TABLE_END)
+        self._registers = [register for register in self.table if register.size]
+        self._pointers = [block.pointer(i) for block in self._blocks() for i in range(block.count)]
+        self._by_byte = {a: r for r in (*self._registers, *self._pointers) for a in range(r.address, r.end)}
+        self._turns = 0
+        self._registered: tuple[int, bytes] | None = None
+        self._heard_s = -inf
+        self.silent_until = -inf
+        self.factory_reset(keep_id=False, keep_baud=False)
+        self.put(self.table.id, spec.id)
+        self.put(self.table.baud_rate, BAUD_CODES[spec.baud or baud])
+
+    # -- registers -----------------------------------------------------------------------------------
+
+    @property
+    def id(self) -> int:
+        """Id that it answers to."""
+        return self.get(self.table.id)
+
+    @property
+    def baud(self) -> int:
+        """Rate that it listens at."""
+        return _BAUD_OF_CODE[self.get(self.table.baud_rate)]
+
+    @property
+    def mode(self) -> OperatingMode:
+        """Operating mode."""
+        return OperatingMode(self.get(self.table.operating_mode))
+
+    @property
+    def error_byte(self) -> int:
+        """Alert bit of its status packets."""
+        return ALERT if self.get(self.table.hardware_error_status) else 0
+
+    @property
+    def return_delay_s(self) -> float:
+        """What it waits before it answers."""
+        return 2e-6 * self.get(self.table.return_delay_time)
+
+    def get(self, register: Register) -> int:
+        """Value as it stands in memory."""
+        return register.decode(bytes(self._memory[register.address : register.end]))
+
+    def named(self, name: str) -> int:
+        """Value by the register's name, up to date. Raises `KeyError` for a name that there is not."""
+        self._measure()
+        self._measure_supply()
+        return self.get(self.table.named(name))
+
+    def put(self, register: Register, value: int) -> None:
+        """Set a value past all rules."""
+        self._memory[register.address : register.end] = register.encode(value)
+
+    def read(self, address: int, size: int) -> bytes:
+        """Bytes as a host reads them; gaps between registers read as 0.
+
+        Raises
+        ------
+        Refusal
+            Beyond the end of the table.
+        """
+        if size == 0 or address + size > TABLE_END:
+            raise Refusal(ACCESS)
+        self._measure()
+        if address + size <= self.table.indirect.first_data:
+            if address + size > self.table.present_input_voltage.address:
+                self._measure_supply()
+            return bytes(self._memory[address : address + size])
+        self._measure_supply()
+        return bytes(self._memory[self._target(a)] for a in range(address, address + size))
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write as a host does: all of it or nothing.
+
+        Raises
+        ------
+        Refusal
+            With the protocol's error.
+        """
+        for register, value in self.check(address, data):
+            self._apply(register, value)
+
+    def check(self, address: int, data: bytes) -> list[tuple[Register, int]]:
+        """What a write would change. Raises as `write`."""
+        changes = self._changes(address, data)
+        for register, value in changes:
+            self._check(register, value)
+        return changes
+
+    def register_write(self, address: int, data: bytes) -> None:
+        """Keep a write for a later `action`. Raises as `write`."""
+        self.check(address, data)
+        self._registered = (address, data)
+        self.put(self.table.registered_instruction, 1)
+
+    def action(self) -> None:
+        """Do what was registered, if anything was."""
+        if self._registered is not None:
+            address, data = self._registered
+            self._registered = None
+            self.put(self.table.registered_instruction, 0)
+            self.write(address, data)
+
+    def _changes(self, address: int, data: bytes) -> list[tuple[Register, int]]:
+        """What is written to which register, indirect addresses followed; whole registers only."""
+        if not data or address + len(data) > TABLE_END:
+            raise Refusal(ACCESS)
+        written = {self._target(address + k): byte for k, byte in enumerate(data)}
+        changes: dict[Register, int] = {}
+        for at in written:
+            register = self._by_byte.get(at)
+            if register is None:
+                if not self._indirect_data(at):
+                    raise Refusal(ACCESS)
+                self._memory[at] = written[at]
+                continue
+            span = range(register.address, register.end)
+            if not all(a in written for a in span):
+                raise Refusal(DATA_LENGTH)
+            changes[register] = register.decode(bytes(written[a] for a in span))
+        return list(changes.items())
+
+    def _check(self, register: Register, value: int) -> None:
+        if not register.writable:
+            raise Refusal(ACCESS)
+        if register.eeprom and self.get(self.table.torque_enable):
+            raise Refusal(ACCESS)
+        if register.minimum is not None and value < register.minimum:
+            raise Refusal(DATA_RANGE)
+        if register.maximum is not None and value > register.maximum:
+            raise Refusal(DATA_RANGE)
+        table = self.table
+        if register is table.operating_mode and value not in {int(mode) for mode in self.model.modes}:
+            raise Refusal(DATA_RANGE)
+        if register in self._goals() and self.get(table.bus_watchdog) == WATCHDOG_TRIPPED:
+            raise Refusal(DATA_RANGE)
+        self._check_limits(register, value)
+
+    def _check_limits(self, register: Register, value: int) -> None:
+        table = self.table
+        if register is table.goal_position:
+            if self.mode in _MULTI_TURN:
+                if abs(value) > FARTHEST_COUNT:
+                    raise Refusal(DATA_RANGE)
+            elif not self.get(table.min_position_limit) <= value <= self.get(table.max_position_limit):
+                raise Refusal(DATA_LIMIT)
+        for goal, limit in (
+            (table.goal_pwm, table.pwm_limit),
+            (table.goal_current, table.current_limit),
+            (table.goal_velocity, table.velocity_limit),
+        ):
+            if goal is not None and limit is not None and register is goal and abs(value) > self.get(limit):
+                raise Refusal(DATA_LIMIT)
+
+    def _apply(self, register: Register, value: int) -> None:
+        table, motors, k = self.table, self._motors, self._k
+        if register is table.torque_enable and value:
+            if self.get(table.hardware_error_status) & self.get(table.shutdown):
+                raise Refusal(RESULT_FAIL)
+            if not motors.torque_on[k]:
+                motors.hold(k)
+        self.put(register, value)
+        if register is table.operating_mode:
+            self._reset_goals()
+        elif register is table.bus_watchdog:
+            self._thaw()
+        elif register is table.homing_offset:
+            self.put(table.goal_position, self.count)
+        self._drive()
+
+    def _reset_goals(self) -> None:
+        table = self.table
+        self.put(table.goal_position, self.count)
+        self.put(table.goal_velocity, 0)
+        self.put(table.goal_pwm, self.get(table.pwm_limit))
+        if table.goal_current is not None and table.current_limit is not None:
+            self.put(table.goal_current, self.get(table.current_limit))
+
+    # -- motor ---------------------------------------------------------------------------------------
+
+    @property
+    def count(self) -> int:
+        """Present position."""
+        raw = round(float(self._motors.shaft_rad[self._k]) / RAD_PER_COUNT)
+        return raw + CENTRE_COUNT - COUNTS_PER_TURN * self._turns + self.get(self.table.homing_offset)
+
+    def rad_of(self, count: int) -> float:
+        """Shaft angle that a position count means."""
+        offset = self.get(self.table.homing_offset)
+        return (count - offset - CENTRE_COUNT + COUNTS_PER_TURN * self._turns) * RAD_PER_COUNT
+
+    def _drive(self) -> None:
+        """Tell the motor what the registers say."""
+        table, motors, k = self.table, self._motors, self._k
+        motors.torque_on[k] = bool(self.get(table.torque_enable))
+        motors.goal_rad[k] = self.rad_of(self.get(table.goal_position))
+        velocity, acceleration = self.get(table.profile_velocity), self.get(table.profile_acceleration)
+        motors.profile_rad_s[k] = velocity * VELOCITY_UNIT_RPM * RPM if velocity else inf
+        motors.profile_rad_s2[k] = acceleration * ACCELERATION_UNIT_RPM2 * RPM / 60.0 if acceleration else inf
+        motors.limit_nm[k] = motors.stall_nm[k] * self._effort()
+
+    def _effort(self) -> float:
+        """Part of the stall torque that the limits leave."""
+        table, part = self.table, 1.0
+        if self.model.current_unit_a is not None and table.current_limit is not None:
+            units = self.get(table.current_limit)
+            if self.mode is OperatingMode.CURRENT_BASED_POSITION and table.goal_current is not None:
+                units = min(units, abs(self.get(table.goal_current)))
+            part = units * self.model.current_unit_a / self.model.stall_current_a
+        pwm = self.get(table.pwm_limit)
+        if self.mode not in (OperatingMode.CURRENT, OperatingMode.VELOCITY):
+            pwm = min(pwm, abs(self.get(table.goal_pwm)))
+        return min(1.0, part, pwm / (table.pwm_limit.maximum or 1))
+
+    def _measure(self) -> None:
+        """Bring effort, velocity and position up to date: 126 to 135, and whether it moves: 122."""
+        motors, k = self._motors, self._k
+        sense = -1 if motors.goal_rad[k] < motors.shaft_rad[k] else 1
+        if self.model.current_unit_a is not None:
+            effort = round(float(motors.current_a[k]) / self.model.current_unit_a)
+        else:
+            effort = round(float(motors.torque_nm[k] / motors.stall_nm[k]) / LOAD_UNIT)
+        velocity = float(motors.velocity_rad_s[k])
+        units = round(velocity / (VELOCITY_UNIT_RPM * RPM))
+        pack_into("<hii", self._memory, self.table.effort.address, sense * min(32767, effort), units, self.count)
+        self._memory[self.table.moving.address] = abs(velocity) > MOVING_RAD_S
+
+    def _measure_supply(self) -> None:
+        """Bring voltage and temperature up to date: 144 to 146."""
+        volts = round(float(self._motors.supply_v[self._k]) / VOLTAGE_UNIT_V)
+        degrees = min(255, max(0, round(float(self._motors.temperature_c[self._k]))))
+        pack_into("<HB", self._memory, self.table.present_input_voltage.address, volts, degrees)
+
+    def watch_itself(self) -> None:
+        """After the motors were stepped: what it finds wrong with itself, and what it does then."""
+        table, motors, k = self.table, self._motors, self._k
+        errors = self.get(table.hardware_error_status)
+        volts = float(motors.supply_v[k]) / VOLTAGE_UNIT_V
+        if not self.get(table.min_voltage_limit) <= round(volts) <= self.get(table.max_voltage_limit):
+            errors |= INPUT_VOLTAGE
+        if motors.temperature_c[k] > self.get(table.temperature_limit):
+            errors |= OVERHEATING
+        if motors.strained_s[k] > OVERLOAD_AFTER_S:
+            errors |= OVERLOAD
+        if errors != self.get(table.hardware_error_status):
+            self.fail(errors)
+
+    def fail(self, errors: int) -> None:
+        """Report errors, and let go where the shutdown mask says so."""
+        table = self.table
+        self.put(table.hardware_error_status, errors)
+        if errors & self.get(table.shutdown):
+            self.put(table.torque_enable, 0)
+            self._drive()
+
+    # -- watchdog ------------------------------------------------------------------------------------
+
+    def heard(self, now: float) -> None:
+        """An instruction packet came."""
+        self._heard_s = now
+
+    def trip_time(self) -> float:
+        """When its watchdog will trip if nothing comes; inf when it is off or has tripped."""
+        units = self.get(self.table.bus_watchdog)
+        if units <= 0 or self.spec.firmware < WATCHDOG_FIRMWARE:
+            return inf
+        return self._heard_s + units * WATCHDOG_UNIT_S
+
+    def trip(self) -> None:
+        """Stop where it is."""
+        self.put(self.table.bus_watchdog, WATCHDOG_TRIPPED)
+        self._motors.frozen[self._k] = True
+        self._motors.hold(self._k)
+
+    def _thaw(self) -> None:
+        """The watchdog was written: what had stopped stands where it is until a new goal comes."""
+        if self._motors.frozen[self._k]:
+            self._motors.frozen[self._k] = False
+            self.put(self.table.goal_position, self.count)
+
+    # -- restarts ------------------------------------------------------------------------------------
+
+    def reboot(self, now: float) -> None:
+        """Restart: RAM as new, torque off, turns forgotten, silent for a while."""
+        for register in (*self._registers, *self._pointers):
+            if not register.eeprom:
+                self.put(register, register.default)
+        self._restart()
+        self.silent_until = now + BOOT_S
+
+    def factory_reset(self, *, keep_id: bool, keep_baud: bool) -> None:
+        """Everything as it left the factory."""
+        kept = [(self.table.id, self.id)] if keep_id else []
+        if keep_baud:
+            kept.append((self.table.baud_rate, self.get(self.table.baud_rate)))
+        for register in (*self._registers, *self._pointers):
+            self.put(register, register.default)
+        for register, value in kept:
+            self.put(register, value)
+        self.put(self.table.firmware_version, self.spec.firmware)
+        self._restart()
+
+    def clear_turns(self) -> None:
+        """Count from the first turn again. Refused while it moves."""
+        if self._motors.moving[self._k]:
+            raise Refusal(RESULT_FAIL)
+        self._forget_turns()
+        self.put(self.table.goal_position, self.count)
+        self._drive()
+
+    def _restart(self) -> None:
+        self._registered = None
+        self._motors.frozen[self._k] = False
+        self._motors.strained_s[self._k] = 0.0
+        self._forget_turns()
+        self._reset_goals()
+        self._drive()
+
+    def _forget_turns(self) -> None:
+        raw = round(float(self._motors.shaft_rad[self._k]) / RAD_PER_COUNT) + CENTRE_COUNT
+        self._turns = floor(raw / COUNTS_PER_TURN)
+
+    # -- indirect addresses --------------------------------------------------------------------------
+
+    def _blocks(self) -> tuple[IndirectBlock, ...]:
+        more = self.table.more_indirect
+        return (self.table.indirect,) if more is None else (self.table.indirect, more)
+
+    def _indirect_data(self, address: int) -> bool:
+        return any(block.first_data <= address < block.first_data + block.count for block in self._blocks())
+
+    def _target(self, address: int) -> int:
+        """Where a byte really is: indirect data shows what its pointer points at."""
+        for block in self._blocks():
+            k = address - block.first_data
+            if 0 <= k < block.count:
+                pointed = self.get(block.pointer(k))
+                return pointed if pointed < TABLE_END else address
+        return address
+
+    def _goals(self) -> tuple[Register, ...]:
+        table = self.table
+        goals = (table.goal_pwm, table.goal_current, table.goal_velocity, table.goal_position)
+        moves = (table.profile_velocity, table.profile_acceleration)
+        return tuple(register for register in (*goals, *moves) if register is not None)
