@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from ori_deploy.wire.dynamixel import BAUD_CODES
 from ori_deploy.wire.dynamixel.models import FAST_SYNC_READ_FIRMWARE
 from sim_backends.dynamixel.motors import STEP_S, Motors
 from sim_backends.dynamixel.packets import BROADCAST, HEADER, STATUS, Instruction, crc16, status
@@ -135,11 +137,12 @@ class Bus:
         now
             When it was there.
         """
-        hearing = [
-            servo for servo in self.servos
-            if servo.baud == baud and now >= servo.silent_until
-        ]  # fmt: skip
-        meant = [servo for servo in hearing if instruction.target in (servo.id, BROADCAST)]
+        code, target = BAUD_CODES.get(baud), instruction.target
+        meant = [
+            servo
+            for servo in self.servos
+            if servo.baud_code == code and now >= servo.silent_until and target in (BROADCAST, servo.id)
+        ]
         if not instruction.good:
             alone = [servo for servo in meant if instruction.target != BROADCAST]
             return self._answer([_Said(servo, self._status(servo, CRC)) for servo in alone], baud)
@@ -154,10 +157,10 @@ class Bus:
     def _dispatch(self, instruction: Instruction, meant: list[Servo], baud: int, now: float) -> Answer:
         parameters = instruction.parameters
         if instruction.code == SYNC_WRITE:
-            self._sync_write(parameters, meant)
+            self._sync_write(parameters, _by_id(meant))
             return Answer()
         if instruction.code == BULK_WRITE:
-            self._bulk_write(parameters, meant)
+            self._bulk_write(parameters, _by_id(meant))
             return Answer()
         if instruction.code in (SYNC_READ, BULK_READ):
             asked = _sync_asked(parameters) if instruction.code == SYNC_READ else _bulk_asked(parameters)
@@ -220,13 +223,13 @@ class Bus:
             return b""
         raise Refusal(INSTRUCTION)
 
-    def _sync_write(self, parameters: bytes, meant: Sequence[Servo]) -> None:
+    def _sync_write(self, parameters: bytes, meant: Mapping[int, Sequence[Servo]]) -> None:
         address, size = _word(parameters), _word(parameters[2:])
         rest = parameters[4:]
         for at in range(0, len(rest) - size, size + 1):
             self._write_quietly(rest[at], address, rest[at + 1 : at + 1 + size], meant)
 
-    def _bulk_write(self, parameters: bytes, meant: Sequence[Servo]) -> None:
+    def _bulk_write(self, parameters: bytes, meant: Mapping[int, Sequence[Servo]]) -> None:
         at = 0
         while at + 5 <= len(parameters):
             size = _word(parameters[at + 3 :])
@@ -234,22 +237,22 @@ class Bus:
             self._write_quietly(parameters[at], _word(parameters[at + 1 :]), data, meant)
             at += 5 + size
 
-    def _write_quietly(self, servo_id: int, address: int, data: bytes, meant: Sequence[Servo]) -> None:
+    def _write_quietly(self, servo_id: int, address: int, data: bytes, meant: Mapping[int, Sequence[Servo]]) -> None:
         """Nobody answers a group write, so nobody hears of a refusal."""
-        for servo in meant:
-            if servo.id == servo_id:
-                try:
-                    servo.write(address, data)
-                except Refusal:
-                    continue
+        for servo in meant[servo_id]:
+            try:
+                servo.write(address, data)
+            except Refusal:
+                continue
 
     # -- answers -------------------------------------------------------------------------------------
 
     def _chain(self, asked: Iterator[tuple[int, int, int]], meant: Sequence[Servo], baud: int) -> Answer:
         """Status packets one after the other, as asked."""
+        by_id = _by_id(meant)
         said: list[_Said] = []
         for servo_id, address, size in asked:
-            there = [servo for servo in meant if servo.id == servo_id and not self._fault(servo).mute]
+            there = [servo for servo in by_id[servo_id] if not self._fault(servo).mute]
             if not there and not self.spec.followers_answer:
                 break
             for servo in there:
@@ -284,7 +287,9 @@ class Bus:
         answer = Answer(bytearray(self._take_noise()))
         k = 0
         while k < len(said):
-            same = [other for other in said[k:] if other.servo.id == said[k].servo.id]
+            same = [said[k]]
+            while k + len(same) < len(said) and said[k + len(same)].servo.id == said[k].servo.id:
+                same.append(said[k + len(same)])
             pause = self.spec.turnaround_s + said[k].servo.return_delay_s
             frames = []
             for one in same:
@@ -314,7 +319,7 @@ class Bus:
         return noise
 
     def _fault(self, servo: Servo) -> Faults:
-        return self.faults[self.servos.index(servo)]
+        return self.faults[servo.k]
 
     def _status(self, servo: Servo, code: int) -> bytes:
         return status(servo.id, servo.error_byte | code)
@@ -329,6 +334,14 @@ def _collide(frames: Sequence[bytes]) -> bytes:
         for at, byte in enumerate(frame):
             heard[at] &= byte
     return bytes(heard)
+
+
+def _by_id(servos: Sequence[Servo]) -> Mapping[int, Sequence[Servo]]:
+    """Servos by id; none where there is none."""
+    found: defaultdict[int, list[Servo]] = defaultdict(list)
+    for servo in servos:
+        found[servo.id].append(servo)
+    return found
 
 
 def _word(data: bytes) -> int:

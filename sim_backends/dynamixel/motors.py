@@ -92,7 +92,8 @@ class Motors:
     @property
     def supply_v(self) -> FloatArray:
         """Voltage at every servo."""
-        return np.maximum(0.0, self._supply_v - self.sag_v - self._supply_ohm * self.current_a.sum())
+        volts: FloatArray = np.maximum(0.0, self._supply_v - self.sag_v - self._supply_ohm * self.current_a.sum())
+        return volts
 
     @property
     def moving(self) -> NDArray[np.bool_]:

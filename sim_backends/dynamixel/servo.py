@@ -37,7 +37,6 @@ FARTHEST_COUNT = 1_048_575
 
 BOOT_S = 0.25
 _MULTI_TURN = (OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION)
-_BAUD_OF_CODE = {code: baud for baud, code in BAUD_CODES.items()}
 
 
 class Refusal(Exception):
@@ -66,6 +65,8 @@ class Servo:
 
     Attributes
     ----------
+    k
+        Row of its motor.
     silent_until
         It restarts, and hears nothing before.
     """
@@ -74,11 +75,12 @@ class Servo:
         self.spec = spec
         self.model = model_named(spec.model)
         self.table = self.model.table
-        self._motors, self._k = motors, k
+        self._motors, self.k = motors, k
         self._memory = bytearray(TABLE_END)
         self._registers = [register for register in self.table if register.size]
         self._pointers = [block.pointer(i) for block in self._blocks() for i in range(block.count)]
         self._by_byte = {a: r for r in (*self._registers, *self._pointers) for a in range(r.address, r.end)}
+        self._moving_addresses = frozenset(register.address for register in self._goals())
         self._turns = 0
         self._registered: tuple[int, bytes] | None = None
         self._heard_s = -inf
@@ -95,9 +97,9 @@ class Servo:
         return self.get(self.table.id)
 
     @property
-    def baud(self) -> int:
-        """Rate that it listens at."""
-        return _BAUD_OF_CODE[self.get(self.table.baud_rate)]
+    def baud_code(self) -> int:
+        """Rate that it listens at, as its register has it."""
+        return self.get(self.table.baud_rate)
 
     @property
     def mode(self) -> OperatingMode:
@@ -116,7 +118,8 @@ class Servo:
 
     def get(self, register: Register) -> int:
         """Value as it stands in memory."""
-        return register.decode(bytes(self._memory[register.address : register.end]))
+        at = register.address
+        return int.from_bytes(self._memory[at : at + register.size], "little", signed=register.signed)
 
     def named(self, name: str) -> int:
         """Value by the register's name, up to date. Raises `KeyError` for a name that there is not."""
@@ -182,6 +185,9 @@ class Servo:
         """What is written to which register, indirect addresses followed; whole registers only."""
         if not data or address + len(data) > TABLE_END:
             raise Refusal(ACCESS)
+        whole = self._by_byte.get(address)
+        if whole is not None and (whole.address, whole.size) == (address, len(data)):
+            return [(whole, whole.decode(data))]
         written = {self._target(address + k): byte for k, byte in enumerate(data)}
         changes: dict[Register, int] = {}
         for at in written:
@@ -207,20 +213,21 @@ class Servo:
         if register.maximum is not None and value > register.maximum:
             raise Refusal(DATA_RANGE)
         table = self.table
-        if register is table.operating_mode and value not in {int(mode) for mode in self.model.modes}:
+        if register is table.operating_mode and value not in self.model.modes:
             raise Refusal(DATA_RANGE)
-        if register in self._goals() and self.get(table.bus_watchdog) == WATCHDOG_TRIPPED:
+        if register.address in self._moving_addresses and self.get(table.bus_watchdog) == WATCHDOG_TRIPPED:
             raise Refusal(DATA_RANGE)
         self._check_limits(register, value)
 
     def _check_limits(self, register: Register, value: int) -> None:
         table = self.table
         if register is table.goal_position:
-            if self.mode in _MULTI_TURN:
+            if self.get(table.operating_mode) in _MULTI_TURN:
                 if abs(value) > FARTHEST_COUNT:
                     raise Refusal(DATA_RANGE)
             elif not self.get(table.min_position_limit) <= value <= self.get(table.max_position_limit):
                 raise Refusal(DATA_LIMIT)
+            return
         for goal, limit in (
             (table.goal_pwm, table.pwm_limit),
             (table.goal_current, table.current_limit),
@@ -230,13 +237,16 @@ class Servo:
                 raise Refusal(DATA_LIMIT)
 
     def _apply(self, register: Register, value: int) -> None:
-        table, motors, k = self.table, self._motors, self._k
+        table, motors, k = self.table, self._motors, self.k
         if register is table.torque_enable and value:
             if self.get(table.hardware_error_status) & self.get(table.shutdown):
                 raise Refusal(RESULT_FAIL)
             if not motors.torque_on[k]:
                 motors.hold(k)
         self.put(register, value)
+        if register is table.goal_position:
+            motors.goal_rad[k] = self.rad_of(value)
+            return
         if register is table.operating_mode:
             self._reset_goals()
         elif register is table.bus_watchdog:
@@ -258,7 +268,7 @@ class Servo:
     @property
     def count(self) -> int:
         """Present position."""
-        raw = round(float(self._motors.shaft_rad[self._k]) / RAD_PER_COUNT)
+        raw = round(float(self._motors.shaft_rad[self.k]) / RAD_PER_COUNT)
         return raw + CENTRE_COUNT - COUNTS_PER_TURN * self._turns + self.get(self.table.homing_offset)
 
     def rad_of(self, count: int) -> float:
@@ -268,7 +278,7 @@ class Servo:
 
     def _drive(self) -> None:
         """Tell the motor what the registers say."""
-        table, motors, k = self.table, self._motors, self._k
+        table, motors, k = self.table, self._motors, self.k
         motors.torque_on[k] = bool(self.get(table.torque_enable))
         motors.goal_rad[k] = self.rad_of(self.get(table.goal_position))
         velocity, acceleration = self.get(table.profile_velocity), self.get(table.profile_acceleration)
@@ -291,7 +301,7 @@ class Servo:
 
     def _measure(self) -> None:
         """Bring effort, velocity and position up to date: 126 to 135, and whether it moves: 122."""
-        motors, k = self._motors, self._k
+        motors, k = self._motors, self.k
         sense = -1 if motors.goal_rad[k] < motors.shaft_rad[k] else 1
         if self.model.current_unit_a is not None:
             effort = round(float(motors.current_a[k]) / self.model.current_unit_a)
@@ -304,13 +314,13 @@ class Servo:
 
     def _measure_supply(self) -> None:
         """Bring voltage and temperature up to date: 144 to 146."""
-        volts = round(float(self._motors.supply_v[self._k]) / VOLTAGE_UNIT_V)
-        degrees = min(255, max(0, round(float(self._motors.temperature_c[self._k]))))
+        volts = round(float(self._motors.supply_v[self.k]) / VOLTAGE_UNIT_V)
+        degrees = min(255, max(0, round(float(self._motors.temperature_c[self.k]))))
         pack_into("<HB", self._memory, self.table.present_input_voltage.address, volts, degrees)
 
     def watch_itself(self) -> None:
         """After the motors were stepped: what it finds wrong with itself, and what it does then."""
-        table, motors, k = self.table, self._motors, self._k
+        table, motors, k = self.table, self._motors, self.k
         errors = self.get(table.hardware_error_status)
         volts = float(motors.supply_v[k]) / VOLTAGE_UNIT_V
         if not self.get(table.min_voltage_limit) <= round(volts) <= self.get(table.max_voltage_limit):
@@ -346,13 +356,13 @@ class Servo:
     def trip(self) -> None:
         """Stop where it is."""
         self.put(self.table.bus_watchdog, WATCHDOG_TRIPPED)
-        self._motors.frozen[self._k] = True
-        self._motors.hold(self._k)
+        self._motors.frozen[self.k] = True
+        self._motors.hold(self.k)
 
     def _thaw(self) -> None:
         """The watchdog was written: what had stopped stands where it is until a new goal comes."""
-        if self._motors.frozen[self._k]:
-            self._motors.frozen[self._k] = False
+        if self._motors.frozen[self.k]:
+            self._motors.frozen[self.k] = False
             self.put(self.table.goal_position, self.count)
 
     # -- restarts ------------------------------------------------------------------------------------
@@ -379,7 +389,7 @@ class Servo:
 
     def clear_turns(self) -> None:
         """Count from the first turn again. Refused while it moves."""
-        if self._motors.moving[self._k]:
+        if self._motors.moving[self.k]:
             raise Refusal(RESULT_FAIL)
         self._forget_turns()
         self.put(self.table.goal_position, self.count)
@@ -387,14 +397,14 @@ class Servo:
 
     def _restart(self) -> None:
         self._registered = None
-        self._motors.frozen[self._k] = False
-        self._motors.strained_s[self._k] = 0.0
+        self._motors.frozen[self.k] = False
+        self._motors.strained_s[self.k] = 0.0
         self._forget_turns()
         self._reset_goals()
         self._drive()
 
     def _forget_turns(self) -> None:
-        raw = round(float(self._motors.shaft_rad[self._k]) / RAD_PER_COUNT) + CENTRE_COUNT
+        raw = round(float(self._motors.shaft_rad[self.k]) / RAD_PER_COUNT) + CENTRE_COUNT
         self._turns = floor(raw / COUNTS_PER_TURN)
 
     # -- indirect addresses --------------------------------------------------------------------------

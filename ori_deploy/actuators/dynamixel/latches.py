@@ -147,7 +147,7 @@ class Latches:
             errors = read(line, pin.id, table.hardware_error_status)
             if errors:
                 raise CommandRefused(
-                    f"{pin.latch}: its servo (id {pin.id}) reports {hardware_error(errors).name} and takes no torque; "
+                    f"{pin.latch}: its servo (id {pin.id}) reports {hardware_error(errors).name}, takes no torque; "
                     "remedy: free the pin, then ori-deploy bus reset-error"
                 )
             write(line, pin.id, table.goal_position, read(line, pin.id, table.present_position))

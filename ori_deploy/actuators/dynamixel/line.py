@@ -15,7 +15,14 @@ from dynamixel_sdk import COMM_SUCCESS, Protocol2PacketHandler
 
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
 from ori_deploy.actuators.dynamixel.fast_reply import BLOCK_OVERHEAD, split_fast_reply
-from ori_deploy.actuators.dynamixel.port import BITS_PER_BYTE, FRAME_OVERHEAD, SHORTEST_FRAME, BlockingPort
+from ori_deploy.actuators.dynamixel.port import (
+    BITS_PER_BYTE,
+    FRAME_OVERHEAD,
+    HEADER,
+    SHORTEST_FRAME,
+    STATUS,
+    BlockingPort,
+)
 from ori_deploy.wire.dynamixel import MODELS_BY_NUMBER, Register, ServoModel
 
 BROADCAST = 0xFE
@@ -27,6 +34,7 @@ PING_SLOT_S = 3e-3
 """Longest time that one servo takes to answer a broadcast ping, over its bytes (SDK, broadcastPing)."""
 
 _STUFFING = 4  # a stuffed byte needs three others before it: a packet grows by a third at the most
+STUFFED = b"\xff\xff\xfd\xfd"
 _PING_DATA = 3
 _AT_ID, _AT_ERROR, _AT_DATA = 4, 8, 9
 
@@ -224,24 +232,49 @@ class ServoLine:
         expected = frame * len(ids)
         self._send(packet, frame, expected)
         self.port.give(self._wire_s(len(packet) + expected) + len(ids) * self._pause_s)
-        wanted = dict.fromkeys(ids)
-        by_id: dict[int, Reply] = {}
+        by_id = self._as_expected(self.port.wait_for_all(), frame, ids)
+        if by_id is not None:
+            return Replies(by_id, garbage=False)
+        by_id = {}
         good = 0
-        while len(by_id) < len(wanted):
+        while len(by_id) < len(ids):
             status = self._receive()
             if status is None:
                 break
             servo_id = status[_AT_ID]
-            if servo_id in wanted and servo_id not in by_id and len(status) == frame:
+            if servo_id in ids and servo_id not in by_id and len(status) == frame:
                 by_id[servo_id] = Reply(bytes(status[_AT_DATA:-2]), bool(status[_AT_ERROR] & ALERT))
                 good += 1
         return Replies(by_id, garbage=self.port.heard > good * frame)
+
+    def _as_expected(self, raw: bytes, size: int, ids: Sequence[int]) -> dict[int, Reply] | None:
+        """Replies when all came, in order, good, and without stuffing: the usual case, and ten times as quick.
+
+        None in every other: then packets are looked for one by one.
+        """
+        if len(raw) != size * len(ids):
+            return None
+        by_id: dict[int, Reply] = {}
+        length = size - FRAME_OVERHEAD
+        for k, servo_id in enumerate(ids):
+            packet = raw[k * size : (k + 1) * size]
+            told = packet[-2] | packet[-1] << 8
+            if (
+                packet[:_AT_ERROR] != HEADER + bytes((servo_id, length & 0xFF, length >> 8, STATUS))
+                or STUFFED in packet
+                or self._sdk.updateCRC(0, packet, size - 2) != told
+            ):
+                return None
+            by_id[servo_id] = Reply(packet[_AT_DATA:-2], packet[_AT_ERROR] & ALERT != 0)
+        return by_id
 
     def _collect_fast(self, packet: list[int], address: int, size: int, ids: Sequence[int]) -> Replies:
         total = FRAME_OVERHEAD + 1 + (size + BLOCK_OVERHEAD) * len(ids)
         self._send(packet, total, total)
         self.port.give(self._wire_s(len(packet) + total) + self._pause_s)
-        raw = self.port.fast_frame(total)
+        raw = self.port.wait_for_all()
+        if len(raw) != total:  # something came before it, or it is cut short
+            raw = raw[max(raw.find(HEADER), 0) :][:total]
         blocks = split_fast_reply(raw, size, ids, self._sdk.updateCRC)
         by_id = {servo_id: Reply(data, bool(error & ALERT)) for servo_id, (error, data) in blocks.items()}
         heard = self.port.heard

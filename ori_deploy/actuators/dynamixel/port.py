@@ -203,15 +203,12 @@ class BlockingPort:
                 return b""
             expired = not self._receive(self._deadline, missing)
 
-    def fast_frame(self, total: int) -> bytes:
-        """Wait for the one packet of a fast sync read; what came of it, from its header on if that is seen."""
-        while self.heard < total:
-            if not self._receive(self._deadline):
-                break
-        self._late = self.heard < total
-        received = bytes(self._buffer)
-        start = received.find(HEADER) if len(received) != total else 0
-        return received[max(start, 0) :][:total]
+    def wait_for_all(self) -> bytes:
+        """Wait for the bytes that are expected, and return what is there; less when the deadline passes."""
+        while self.heard < self.expected and self._receive(self._deadline):
+            pass
+        self._late = self.heard < self.expected
+        return bytes(self._buffer)
 
     def accept(self) -> None:
         """The packet was good: go on behind it."""
