@@ -155,4 +155,4 @@ def _remedy(wiring: Wiring, times: WireTimes, rate_hz: float, *, fast: bool) -> 
     ):
         if rate_hz <= cycle_time(wiring, other, fast=with_fast).rate_hz and (other, with_fast) != (times, fast):
             return text
-    return "lower rate_hz, or spread the servos over two buses"
+    return "lower rate_hz, or drive fewer servos"

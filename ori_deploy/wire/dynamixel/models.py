@@ -289,8 +289,8 @@ MODELS: tuple[ServoModel, ...] = (
     _with_current("XM430-W210", 1030, (1193, 1193), 330, _V12, 12.0, 3.0, 2.3, 77.0),
     _with_current("XH540-W270", 1100, (2047, 2047), 167, _V12, 12.0, 9.9, 4.9, 39.0, external_ports=True),
     _with_current("XH540-W150", 1110, (2047, 2047), 300, _V12, 12.0, 7.1, 4.9, 70.0, external_ports=True),
-    _with_current("XH540-V270", 1140, (1188, 1188), 167, _V24, 24.0, 10.9, 3.2, 40.0, external_ports=True),
-    _with_current("XH540-V150", 1150, (1188, 1188), 300, _V24, 24.0, 7.2, 3.2, 68.0, external_ports=True),
+    _with_current("XH540-V270", 1140, (1188, 1188), 167, _V24, 24.0, 9.2, 2.4, 34.0, external_ports=True),
+    _with_current("XH540-V150", 1150, (1188, 1188), 300, _V24, 24.0, 6.4, 2.4, 60.0, external_ports=True),
 )
 """Every model that this package drives."""
 

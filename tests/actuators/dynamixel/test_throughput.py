@@ -70,7 +70,7 @@ def test_a_rate_is_refused_exactly_when_its_cycle_does_not_fit() -> None:
         (WireTimes(1_000_000, 50e-6, 0.0, 16e-3), False, 100.0, "latency timer"),
         (WireTimes(1_000_000, 50e-6, 0.0, 1e-3), False, 190.0, "fast_sync_read"),
         (WireTimes(57_600, 50e-6, 0.0, 1e-3), False, 100.0, "baud"),
-        (WireTimes(4_000_000, 50e-6, 0.0, 1e-3), True, 1000.0, "two buses"),
+        (WireTimes(4_000_000, 50e-6, 0.0, 1e-3), True, 1000.0, "fewer servos"),
     ],
 )
 def test_the_remedy_is_one_that_helps(times: WireTimes, fast: bool, rate_hz: float, remedy: str) -> None:
