@@ -33,6 +33,7 @@ from ori_deploy.actuators.dynamixel.startup import (
     find_servos,
     name_of,
     read,
+    restarted,
     write,
 )
 from ori_deploy.actuators.dynamixel.throughput import HEALTH_BYTES, STATE_BYTES, check_rate, planned_times
@@ -226,21 +227,31 @@ class DynamixelBus(ActuatorBus):
         pongs = find_servos(self._line, self._wiring)
         self._fast = self._settings.fast_sync_read and fast_read_known(list(pongs.values()))
         latency = latency_timer_s(self._port.path)
-        advice = latency_advice(self._port.path)
-        self.advice = (advice,) if advice else ()
-        for text in self.advice:
-            log.warning("%s", text)
         times = planned_times(self._wiring, usb_latency_s=latency)
         check_rate(self._wiring, times, self._rate_hz, fast=self._fast, source=self._source)
         for servo in self._wiring.servos:
             configure(self._line, servo, self._settings, self._travel_s.get(name_of(servo), 1.0))
         self._latches.find(self._line)
+        self.advice = self._look_round()
+        for text in self.advice:
+            log.warning("%s", text)
         self._watching = False
         self._holding = all(
             read(self._line, servo.id, servo.model.table.torque_enable) for servo in self._wiring.hinges
         )
         self._decoder.forget()
         self._recent = None
+
+    def _look_round(self) -> tuple[str, ...]:
+        """What could be better, and what will keep torque off."""
+        advice = [latency_advice(self._port.path)]
+        for servo in self._wiring.servos:
+            errors = hardware_error(read(self._line, servo.id, servo.model.table.hardware_error_status))
+            if errors:
+                advice.append(
+                    f"{name_of(servo)} (id {servo.id}) reports {errors.name}; it takes no torque until cleared"
+                )
+        return tuple(text for text in advice if text)
 
     def _close(self) -> None:
         """Servos hold on: with nobody to talk to them, their watchdogs would stop what need not stop."""
@@ -285,6 +296,12 @@ class DynamixelBus(ActuatorBus):
 
     def _torque_on(self) -> None:
         """Torque on at the goals that were just set, once every servo is seen to have them."""
+        fresh = [servo.name for servo in restarted(self._line, self._wiring.hinges)]
+        if fresh:
+            raise CommandRefused(
+                f"torque stays off: {', '.join(fresh)} restarted since the bus was connected; "
+                "remedy: check their supply, then connect again"
+            )
         lost = [servo.name for servo in unvouched(self._line, self._wiring.hinges)]
         if lost:
             raise CommandRefused(
@@ -342,9 +359,13 @@ class DynamixelBus(ActuatorBus):
 
     @_noticing_loss
     def _reset_errors(self) -> None:
-        """Only a restart clears a servo's error; it comes back limp, with its RAM as new."""
+        """Only a restart clears a servo's error; it comes back limp, with its RAM as new.
+
+        Servos that restarted by themselves get their settings back.
+        """
         self._stop_watching()
-        failed = []
+        failed = list(restarted(self._line, self._wiring.hinges))
+        rebooted = []
         for servo in self._wiring.hinges:
             table = servo.model.table
             errors = hardware_error(read(self._line, servo.id, table.hardware_error_status))
@@ -357,9 +378,10 @@ class DynamixelBus(ActuatorBus):
                 raise CommandRefused(
                     f"{servo.name} is still too hot: {heat} °C; limit: {limit} °C; remedy: let it cool"
                 )
-            failed.append(servo)
-        for servo in failed:
+            rebooted.append(servo)
+        for servo in rebooted:
             self._line.reboot(servo.id)
+        failed += rebooted
         for servo in failed:
             self._await(servo)
             configure(self._line, servo, self._settings, 1.0)

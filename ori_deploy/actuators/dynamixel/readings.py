@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import ActuatorRestarted, HardwareError, HealthReadings, HingeReadings, WatchdogTripped
 from ori_deploy.actuators.dynamixel.line import Replies
+from ori_deploy.actuators.dynamixel.startup import KEPT_RETURN_LEVEL
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
 from ori_deploy.wire.dynamixel.models import RPM
 from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, LOAD_UNIT, VELOCITY_UNIT_RPM, VOLTAGE_UNIT_V
@@ -18,7 +19,16 @@ FloatArray = NDArray[np.float64]
 STATE = np.dtype([("effort", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 """Addresses 126 to 135 of every model."""
 
-HEALTH = np.dtype([("torque", "u1"), ("error", "u1"), ("watchdog", "i1"), ("voltage", "<u2"), ("temperature", "u1")])
+HEALTH = np.dtype(
+    [
+        ("level", "u1"),
+        ("torque", "u1"),
+        ("error", "u1"),
+        ("watchdog", "i1"),
+        ("voltage", "<u2"),
+        ("temperature", "u1"),
+    ]
+)
 """The registers of `startup.health_registers`, seen through indirect addresses."""
 
 JUMP_TURNS = 0.5
@@ -95,10 +105,19 @@ class Decoder:
 
         Raises
         ------
+        ActuatorRestarted
+            A servo's health block is not set up any more.
         WatchdogTripped
             A servo has stopped because it heard nothing for `watchdog_s`.
         """
         valid, data = self._rows(replies, HEALTH)
+        lost = valid & (data["level"] != KEPT_RETURN_LEVEL)
+        if lost.any():
+            raise ActuatorRestarted(
+                self._names[int(np.argmax(lost))],
+                "its settings are those of a restart, its torque is off; remedy: check its supply, "
+                "clear the fault, then arm",
+            )
         tripped = valid & (data["watchdog"] < 0)
         if tripped.any():
             raise WatchdogTripped(

@@ -23,13 +23,21 @@ MARK_ADDRESS = 65
 """What the last indirect pointer is set to once somebody has vouched for a servo's turns; a restart forgets it."""
 
 NO_SECONDARY_ID = 255
+
+KEPT_RETURN_LEVEL = 2
+"""Status Return Level (68): answer everything."""
+
 _RPM2 = RPM / 60.0
 _ONE_TURN_MODES = (OperatingMode.POSITION,)
 
 
 def health_registers(table: ControlTable) -> tuple[Register, ...]:
-    """What the health block shows, in order: six bytes."""
+    """What the health block shows, in order: seven bytes.
+
+    The first is `KEPT_RETURN_LEVEL` for as long as the block is set up: a servo that restarted shows 0.
+    """
     return (
+        table.status_return_level,
         table.torque_enable,
         table.hardware_error_status,
         table.bus_watchdog,
@@ -97,6 +105,16 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
             )
 
 
+def restarted(line: ServoLine, servos: Sequence[HingeServo]) -> tuple[HingeServo, ...]:
+    """Servos whose settings in RAM are gone: they restarted since `configure`."""
+    return tuple(
+        servo
+        for servo in servos
+        if read(line, servo.id, servo.model.table.indirect.pointer(0))
+        != servo.model.table.status_return_level.address
+    )
+
+
 def mark_of(model: ServoModel) -> Register:
     """The register that remembers, until a restart, that somebody vouched for the turns."""
     return model.table.indirect.pointer(model.table.indirect.count - 1)
@@ -160,7 +178,7 @@ def _wanted(
     """Registers and what they have to hold, in an order in which they can be written."""
     table = servo.model.table
     yield table.bus_watchdog, 0  # a servo that tripped takes no goals until this is written
-    yield table.status_return_level, 2
+    yield table.status_return_level, KEPT_RETURN_LEVEL
     yield table.return_delay_time, 0
     yield table.drive_mode, 0  # not reversed, velocity-based profile, no torque by a goal
     yield table.secondary_id, NO_SECONDARY_ID

@@ -20,7 +20,7 @@ GOAL_BYTES = 4
 STATE_BYTES = 10
 """Present current or load, velocity and position: 126 to 135."""
 
-HEALTH_BYTES = 6
+HEALTH_BYTES = 7
 
 
 @dataclass(frozen=True, slots=True)

@@ -289,6 +289,14 @@ def test_within_one_turn_a_restart_loses_torque_and_nothing_else(tmp_path: Path)
         time.sleep(0.4)
         np.testing.assert_allclose(setup.bus.read_hinges().position_rad, goal, atol=0.02)
         assert setup.virtual.register(2, "torque_enable") == 0
+        with pytest.raises(ActuatorRestarted, match="servo_c2"):
+            setup.bus.read_health()
+        with pytest.raises(CommandRefused, match=r"servo_c2 restarted.*connect again"):
+            setup.bus.enable_torque()
+        setup.bus.reset_errors()
+        assert setup.bus.read_health().torque_on.tolist() == [True, False, True]
+        setup.bus.enable_torque()
+        assert setup.bus.read_health().torque_on.all()
 
 
 # -- health, errors, latches ---------------------------------------------------------------------------

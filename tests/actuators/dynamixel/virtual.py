@@ -58,7 +58,7 @@ def servos(
 
     `servo` and `spec` change all virtual servos and the bus, `rig` the rig's tables, `settings` [dynamixel].
     """
-    plan = synthetic_plan(N)
+    plan = synthetic_plan(N, duration_s=3.0)
     low, high, gear, zero = (-20.0, 20.0, 10.0, 1.0) if turns else (-3.1, 3.1, 4.0, 2.6)
     actuator = {"max_velocity_rad_s": 4.0, "max_torque_nm": 0.2, "min_position_rad": low, "max_position_rad": high}
     tables: dict[str, Any] = {
