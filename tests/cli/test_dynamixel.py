@@ -47,16 +47,16 @@ def virtual(plan: Path, folder: Path, start: Start = "stowed", rig: Path = RIG) 
         yield bus
 
 
-def begin(plan: Path, folder: Path, *more: str) -> subprocess.Popen[str]:
-    """A deployment under way, moving for half a second."""
+def begin(plan: Path, folder: Path) -> subprocess.Popen[str]:
+    """A deployment in the middle of its motion, where every servo turns."""
     command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(plan), "--rig", str(RIG)]
-    command += ["--port", str(folder / "ttyDXL"), *more]
+    command += ["--port", str(folder / "ttyDXL")]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     for line in process.stdout:
         if "-> moving" in line:
             break
-    time.sleep(0.5)
+    time.sleep(3.0)
     return process
 
 
@@ -114,8 +114,10 @@ def test_deployed_is_where_the_plan_ends(plan: Path, tmp_path: Path) -> None:
 def test_kill_9_stops_every_servo_and_the_next_session_knows_where_it_is(plan: Path, tmp_path: Path) -> None:
     with virtual(plan, tmp_path) as bus:
         process = begin(plan, tmp_path)
+        moving = bus.truth()
         killed = time.monotonic()
         os.kill(process.pid, signal.SIGKILL)
+        assert min(killed - servo.moved_s for servo in moving.values()) < 0.05
         process.communicate(timeout=10)
         time.sleep(0.5)
         truth = bus.truth()
