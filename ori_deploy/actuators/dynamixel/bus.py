@@ -130,6 +130,7 @@ class DynamixelBus(ActuatorBus):
         self._health_groups = _by_address(servos)
         self._decoder = Decoder(servos)
         self._fast = False
+        self._odd = False
         self._watching = False
         self._holding = False
         self._goal = np.zeros(len(servos), dtype=np.int64)
@@ -338,7 +339,9 @@ class DynamixelBus(ActuatorBus):
 
     @_noticing_loss
     def _read_hinges(self) -> HingeReadings:
-        replies = self._line.sync_read(self._state_address, STATE_BYTES, self._ids, fast=self._fast)
+        self._odd = not self._odd  # a byte more every other time: a late reply to the last read is not this one's
+        size = STATE_BYTES + self._odd
+        replies = self._line.sync_read(self._state_address, size, self._ids, fast=self._fast)
         now = self._clock.now()
         replies.require_any("hinges")
         self._recent = self._decoder.state(replies, now)

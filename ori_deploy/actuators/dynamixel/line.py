@@ -19,6 +19,7 @@ from ori_deploy.actuators.dynamixel.port import (
     BITS_PER_BYTE,
     FRAME_OVERHEAD,
     HEADER,
+    PATIENCE_S,
     SHORTEST_FRAME,
     STATUS,
     BlockingPort,
@@ -29,6 +30,9 @@ BROADCAST = 0xFE
 MAX_ID = 252
 ALERT = 0x80
 """Bit of a status packet's error byte: the servo has a hardware error to tell."""
+
+GROUP_PATIENCE_S = 1e-3
+"""How long a control loop waits for replies that did not come in time; see `ServoLine.sync_read`."""
 
 PING_SLOT_S = 3e-3
 """Longest time that one servo takes to answer a broadcast ping, over its bytes (SDK, broadcastPing)."""
@@ -203,10 +207,13 @@ class ServoLine:
         parameters = b"".join(bytes((servo_id,)) + values for servo_id, values in data.items())
         if len(parameters) != len(data) * (1 + size):
             raise ValueError(f"sync write of {size} bytes to each servo: found {[len(d) for d in data.values()]}")
-        self._send(_packet(BROADCAST, 0x83, *_words(address, size), *parameters), 0, 0)
+        self._send(_packet(BROADCAST, 0x83, *_words(address, size), *parameters), 0, 0, GROUP_PATIENCE_S)
 
     def sync_read(self, address: int, size: int, ids: Sequence[int], *, fast: bool = False) -> Replies:
         """Read `size` bytes from `address` on from several servos at once.
+
+        A late reply to an earlier one is not waited for long: whoever reads the same registers over and over
+        varies `size`, and replies of another size are not believed.
 
         Parameters
         ----------
@@ -230,7 +237,7 @@ class ServoLine:
     def _collect(self, packet: list[int], size: int, ids: Sequence[int]) -> Replies:
         frame = SHORTEST_FRAME + size
         expected = frame * len(ids)
-        self._send(packet, frame, expected)
+        self._send(packet, frame, expected, GROUP_PATIENCE_S)
         self.port.give(self._wire_s(len(packet) + expected) + len(ids) * self._pause_s)
         by_id = self._as_expected(self.port.wait_for_all(), frame, ids)
         if by_id is not None:
@@ -270,7 +277,7 @@ class ServoLine:
 
     def _collect_fast(self, packet: list[int], address: int, size: int, ids: Sequence[int]) -> Replies:
         total = FRAME_OVERHEAD + 1 + (size + BLOCK_OVERHEAD) * len(ids)
-        self._send(packet, total, total)
+        self._send(packet, total, total, GROUP_PATIENCE_S)
         self.port.give(self._wire_s(len(packet) + total) + self._pause_s)
         raw = self.port.wait_for_all()
         if len(raw) != total:  # something came before it, or it is cut short
@@ -318,11 +325,9 @@ class ServoLine:
             raise CorruptReply(f"{what}: the answer is damaged; remedy: check wiring, ids and baud rate")
         raise BusTimeout(f"{what}: no answer; remedy: check power, wiring, id and baud rate")
 
-    def _send(self, packet: list[int], longest: int, expected: int) -> None:
+    def _send(self, packet: list[int], longest: int, expected: int, patience_s: float = PATIENCE_S) -> None:
         """Send a packet; replies will have `longest` bytes at the most and `expected` together."""
-        self.port.is_using = False  # an exception in the SDK leaves it set
-        self.port.longest_frame = longest + longest // _STUFFING + 1
-        self.port.expected = expected
+        self.port.begin(longest + longest // _STUFFING + 1, expected, patience_s)
         if self._sdk.txPacket(self.port, packet) != COMM_SUCCESS:
             raise ValueError(f"the SDK does not send a packet of {len(packet)} bytes")
 

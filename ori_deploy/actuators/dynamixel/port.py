@@ -33,8 +33,8 @@ OPEN_SLACK_S = 0.005
 
 WRITE_PATIENCE_S = 1.0
 
-QUIET_S = 0.001
-"""Silence after which a reply that did not come in time is taken not to come at all."""
+PATIENCE_S = 0.06
+"""How long a reply that did not come in time is waited for before something else is asked."""
 
 
 class BlockingPort:
@@ -57,9 +57,9 @@ class BlockingPort:
     is_using
         The SDK's own lock; cleared before every transaction, since an exception leaves it set.
     longest_frame
-        Bytes beyond which a packet is not believed to be one. Set by the caller for every transaction.
+        Bytes beyond which a packet is not believed to be one.
     expected
-        Bytes that the replies have together, stuffing left out. Set by the caller likewise.
+        Bytes that the replies have together, stuffing left out.
     heard
         Bytes received since the last packet was sent.
     """
@@ -125,6 +125,25 @@ class BlockingPort:
         if any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in probe.poll(0)):
             self._lost("hung up")
 
+    def begin(self, longest_frame: int, expected: int, patience_s: float = PATIENCE_S) -> None:
+        """Get ready for the next transaction.
+
+        A reply that is still owed would be taken for the next one's: it is waited for, and thrown away.
+
+        Parameters
+        ----------
+        longest_frame, expected
+            As the attributes.
+        patience_s
+            How long to wait for what is owed; shorter where the next reply cannot be mistaken for it.
+        """
+        deadline = time.monotonic() + patience_s
+        while self._late and self.heard < self.expected and self._receive(deadline):
+            pass
+        self._late = False
+        self.is_using = False
+        self.longest_frame, self.expected = longest_frame, expected
+
     # -- what the SDK calls --------------------------------------------------------------------------
 
     def getBaudRate(self) -> int:
@@ -142,9 +161,7 @@ class BlockingPort:
         return True
 
     def clearPort(self) -> None:
-        """Forget what was received; after a late reply also wait until the line has been quiet."""
-        while self._late and self._receive(time.monotonic() + QUIET_S):
-            self._buffer.clear()
+        """Forget what was received."""
         if self._fd >= 0:
             self._take_waiting()
         self._forget()

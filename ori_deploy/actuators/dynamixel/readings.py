@@ -151,9 +151,10 @@ class Decoder:
 
     def _rows(self, replies: Replies, layout: np.dtype[np.void]) -> tuple[NDArray[np.bool_], NDArray[np.void]]:
         """Replies as an array in the order of the servos, and which of its rows are there."""
-        empty = bytes(layout.itemsize)
+        size = layout.itemsize
+        empty = bytes(size)
         by_id = replies.by_id
-        raw = b"".join(by_id[i].data if i in by_id else empty for i in self._ids)
+        raw = b"".join(by_id[i].data[:size] if i in by_id else empty for i in self._ids)
         return np.array([i in by_id for i in self._ids]), np.frombuffer(raw, dtype=layout)
 
 

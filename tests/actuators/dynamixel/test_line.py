@@ -127,15 +127,33 @@ def test_a_stuffed_last_reply_that_comes_in_two_parts_is_waited_for() -> None:
     assert found.by_id[4].data == HEADER_IN_DATA
 
 
-def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
-    old, new = status(1, b"\x01\0\0\0"), status(1, b"\x02\0\0\0")
-    answers = [b"", new]
-    with ScriptedPort(lambda _: answers.pop(0)) as scripted:
-        with pytest.raises(BusTimeout):
-            scripted.line.read(1, TABLE.present_position)
-        scripted.say(old)
-        time.sleep(0.01)
-        assert scripted.line.read(1, TABLE.present_position) == 2
+def test_late_answers_are_never_those_of_another_register() -> None:
+    """Every answer comes after its time, and before the next question's."""
+    slow = 0.02
+
+    def answer(request: bytes) -> bytes:
+        value = TABLE.status_return_level.address if request[8] == 68 else TABLE.led.address
+        threading.Timer(slow, lambda: scripted.say(status(1, bytes((value,))))).start()
+        return b""
+
+    with ScriptedPort(answer, slack_s=0.005) as scripted:
+        for _ in range(4):
+            for register in (TABLE.status_return_level, TABLE.led):
+                try:
+                    assert scripted.line.read(1, register) == register.address
+                except BusTimeout:
+                    continue
+        time.sleep(2 * slow)
+
+
+def test_a_late_group_reply_is_not_believed_when_the_size_differs() -> None:
+    old = b"".join(status(i, DATA[i]) for i in IDS)
+    new = b"".join(status(i, DATA[i][::-1] + b"!") for i in IDS)
+    answers = [b"", old + new]
+    with ScriptedPort(lambda _: answers.pop(0), slack_s=0.005) as scripted:
+        assert not scripted.line.sync_read(126, 10, IDS).by_id
+        found = scripted.line.sync_read(126, 11, IDS)
+    assert {i: reply.data for i, reply in found.by_id.items()} == {i: DATA[i][::-1] + b"!" for i in IDS}
 
 
 def test_a_port_that_goes_away_is_closed() -> None:
