@@ -20,6 +20,7 @@ ALLOWED: dict[str, set[str]] = {
     "figures": {"profiles", "layout", "design", "motion", "search", "files"},
     "wire": set(),
     "actuators": {"wire"},
+    "bench": {"actuators", "wire"},
     "deploy": {"motion", "actuators"},
     "telemetry": {"motion", "actuators", "deploy"},
     "sweep": {"profiles", "layout", "design", "motion", "files", "search"},

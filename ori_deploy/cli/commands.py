@@ -14,6 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import ori_deploy
+from ori_deploy.cli.bus import bus
+from ori_deploy.cli.doctor import doctor
 from ori_deploy.cli.figures import figures
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, Commands, console, print_table, warn
 from ori_deploy.cli.layouts import layouts_command
@@ -308,3 +310,5 @@ main.add_command(layouts_command)
 main.add_command(sweep)
 main.add_command(strip)
 main.add_command(figures)
+main.add_command(bus)
+main.add_command(doctor)

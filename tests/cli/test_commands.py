@@ -18,7 +18,7 @@ from ori_deploy.deploy.states import State
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-COMMANDS = ("design", "poses", "plan", "deploy", "stow", "report", "demo", "limit", "strip")
+COMMANDS = ("design", "poses", "plan", "deploy", "stow", "report", "demo", "limit", "strip", "bus", "doctor")
 
 
 def run(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:

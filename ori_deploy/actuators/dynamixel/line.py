@@ -31,8 +31,8 @@ MAX_ID = 252
 ALERT = 0x80
 """Bit of a status packet's error byte: the servo has a hardware error to tell."""
 
-GROUP_PATIENCE_S = 1e-3
-"""How long a control loop waits for replies that did not come in time; see `ServoLine.sync_read`."""
+IMPATIENCE_S = 1e-3
+"""How long replies that did not come in time are waited for where the next ones cannot be mistaken for them."""
 
 PING_SLOT_S = 3e-3
 """Longest time that one servo takes to answer a broadcast ping, over its bytes (SDK, broadcastPing)."""
@@ -143,6 +143,7 @@ class ServoLine:
     def __init__(self, port: BlockingPort) -> None:
         self.port = port
         self._sdk = Protocol2PacketHandler()
+        self._asked = (BROADCAST, 0)  # who was asked last, and the size of an answer
 
     # -- one servo -----------------------------------------------------------------------------------
 
@@ -207,7 +208,7 @@ class ServoLine:
         parameters = b"".join(bytes((servo_id,)) + values for servo_id, values in data.items())
         if len(parameters) != len(data) * (1 + size):
             raise ValueError(f"sync write of {size} bytes to each servo: found {[len(d) for d in data.values()]}")
-        self._send(_packet(BROADCAST, 0x83, *_words(address, size), *parameters), 0, 0, GROUP_PATIENCE_S)
+        self._send(_packet(BROADCAST, 0x83, *_words(address, size), *parameters), 0, 0)
 
     def sync_read(self, address: int, size: int, ids: Sequence[int], *, fast: bool = False) -> Replies:
         """Read `size` bytes from `address` on from several servos at once.
@@ -237,7 +238,7 @@ class ServoLine:
     def _collect(self, packet: list[int], size: int, ids: Sequence[int]) -> Replies:
         frame = SHORTEST_FRAME + size
         expected = frame * len(ids)
-        self._send(packet, frame, expected, GROUP_PATIENCE_S)
+        self._send(packet, frame, expected)
         self.port.give(self._wire_s(len(packet) + expected) + len(ids) * self._pause_s)
         by_id = self._as_expected(self.port.wait_for_all(), frame, ids)
         if by_id is not None:
@@ -277,7 +278,7 @@ class ServoLine:
 
     def _collect_fast(self, packet: list[int], address: int, size: int, ids: Sequence[int]) -> Replies:
         total = FRAME_OVERHEAD + 1 + (size + BLOCK_OVERHEAD) * len(ids)
-        self._send(packet, total, total, GROUP_PATIENCE_S)
+        self._send(packet, total, total)
         self.port.give(self._wire_s(len(packet) + total) + self._pause_s)
         raw = self.port.wait_for_all()
         if len(raw) != total:  # something came before it, or it is cut short
@@ -325,9 +326,12 @@ class ServoLine:
             raise CorruptReply(f"{what}: the answer is damaged; remedy: check wiring, ids and baud rate")
         raise BusTimeout(f"{what}: no answer; remedy: check power, wiring, id and baud rate")
 
-    def _send(self, packet: list[int], longest: int, expected: int, patience_s: float = PATIENCE_S) -> None:
-        """Send a packet; replies will have `longest` bytes at the most and `expected` together."""
-        self.port.begin(longest + longest // _STUFFING + 1, expected, patience_s)
+    def _send(self, packet: list[int], frame: int, expected: int) -> None:
+        """Send a packet; its replies will have `frame` bytes each, `expected` together, stuffing left out."""
+        asked = (packet[_AT_ID], frame)
+        alike = frame == self._asked[1] and (asked[0] == self._asked[0] or BROADCAST in (asked[0], self._asked[0]))
+        self._asked = asked
+        self.port.begin(frame + frame // _STUFFING + 1, expected, PATIENCE_S if alike else IMPATIENCE_S)
         if self._sdk.txPacket(self.port, packet) != COMM_SUCCESS:
             raise ValueError(f"the SDK does not send a packet of {len(packet)} bytes")
 

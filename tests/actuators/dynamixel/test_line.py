@@ -146,6 +146,14 @@ def test_late_answers_are_never_those_of_another_register() -> None:
         time.sleep(2 * slow)
 
 
+def test_a_late_pong_of_one_servo_is_not_another_s() -> None:
+    pong = bytes((0xFC, 0x03, 45))
+    answers = [b"", status(1, pong) + status(2, pong)]
+    with ScriptedPort(lambda _: answers.pop(0), slack_s=0.005) as scripted:
+        assert not scripted.line.ping_all((1,))
+        assert [found.id for found in scripted.line.ping_all((2,))] == [2]
+
+
 def test_a_late_group_reply_is_not_believed_when_the_size_differs() -> None:
     old = b"".join(status(i, DATA[i]) for i in IDS)
     new = b"".join(status(i, DATA[i][::-1] + b"!") for i in IDS)

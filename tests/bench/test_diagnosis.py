@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ori_deploy.actuators.dynamixel.bench import Census
-from ori_deploy.actuators.dynamixel.diagnosis import (
+from ori_deploy.actuators.dynamixel.line import Pong
+from ori_deploy.bench.diagnosis import (
     ASKS,
     Answers,
     Finding,
@@ -20,7 +20,7 @@ from ori_deploy.actuators.dynamixel.diagnosis import (
     judge_rates,
     judge_servo,
 )
-from ori_deploy.actuators.dynamixel.line import Pong
+from ori_deploy.bench.servos import Census
 from tests.actuators.dynamixel.scripted import ScriptedPort, status
 
 GOOD = Answers(ASKS, 0, 0)

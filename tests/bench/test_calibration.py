@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ori_deploy.actuators.dynamixel.calibration import (
+from ori_deploy.actuators.dynamixel.wiring import HingeServo
+from ori_deploy.bench.calibration import (
     LEAD_RAD,
     READINGS,
     SCATTER_RAD,
@@ -21,7 +22,6 @@ from ori_deploy.actuators.dynamixel.calibration import (
     steady,
     zero_rad,
 )
-from ori_deploy.actuators.dynamixel.wiring import HingeServo
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
 
 CYCLE_S = 0.03

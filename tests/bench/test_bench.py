@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
-from ori_deploy.actuators.dynamixel.bench import census, find, find_all, known_model, set_id, torque_off
 from ori_deploy.actuators.dynamixel.line import Pong
-from ori_deploy.actuators.dynamixel.meaning import error_words, meaning
+from ori_deploy.bench.meaning import error_words, meaning
+from ori_deploy.bench.servos import census, find, find_all, known_model, set_id, torque_off
 from ori_deploy.wire.dynamixel import MODELS, model_named
 from tests.actuators.dynamixel.scripted import ScriptedPort, status
 

@@ -1,0 +1,371 @@
+"""Find `zero_rad`: the shaft position at which a crease's inner angle is 0.
+
+Either somebody holds the structure in a pose whose crease angles are known, or each hinge is walked against
+the stop at one end of its motion, slowly and with little force. What is measured is the shaft; the zero is
+what is left of it once gear and crease angle are taken off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from ori_deploy.actuators.bus import BusError
+from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
+from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, read, velocity_units
+from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
+from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of
+from ori_deploy.bench.meaning import PWM_FULL
+from ori_deploy.bench.servos import Snapshot, known_model
+from ori_deploy.clock import Clock
+from ori_deploy.wire.dynamixel import OperatingMode
+from ori_deploy.wire.dynamixel.registers import COUNTS_PER_TURN
+
+TURN = 2.0 * math.pi
+
+READINGS = 25
+"""Of a shaft that is held by hand; their median counts."""
+
+SCATTER_RAD = 0.012
+"""Spread of the readings beyond which a pose was not held still: eight counts."""
+
+GENTLE = 0.15
+"""Part of the stall current that pushes against a stop, unless somebody says otherwise."""
+
+LEAD_RAD = 0.2
+"""How far ahead of the shaft its goal may be: what it would jump by if the stop gave way."""
+
+BACK_OFF_RAD = 0.1
+STILL_S = 0.4
+STILL_RAD = 0.005
+PRESSING = 0.7
+"""A hinge is at its stop when it has stood still for so long, pressing with most of what it may."""
+
+TOO_FAR = 1.1
+TOO_FAR_RAD = 0.2
+"""No stop is looked for beyond the hinge's whole motion and this much more."""
+
+COOL_C = 5.0
+"""Distance to keep from the servo's own temperature limit."""
+
+
+class NotCalibrated(BusError):
+    """No zero was found; the structure stands where it was left, limp, and no file was changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class HingeZero:
+    """What has to be known of one hinge to find its zero.
+
+    Attributes
+    ----------
+    servo
+        Which servo it is.
+    cell, crease
+        What it drives.
+    shaft_per_crease
+        Signed gear ratio.
+    old_zero_rad
+        As the rig has it.
+    crease_rad, other_rad
+        Crease angle at the end of the motion where it is measured, and at the other end.
+    """
+
+    servo: HingeServo
+    cell: str
+    crease: str
+    shaft_per_crease: float
+    old_zero_rad: float
+    crease_rad: float
+    other_rad: float
+
+    @property
+    def towards(self) -> int:
+        """Sense in which the shaft turns towards the end where it is measured."""
+        return 1 if self.shaft_per_crease * (self.crease_rad - self.other_rad) > 0.0 else -1
+
+    @property
+    def way_rad(self) -> float:
+        """What the shaft turns from end to end."""
+        return abs(self.shaft_per_crease * (self.crease_rad - self.other_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class Zero:
+    """A zero that was found.
+
+    Attributes
+    ----------
+    hinge
+        Of which hinge.
+    shaft_rad
+        Where its shaft was measured, as the servo will read after it is switched on.
+    scatter_rad
+        Spread of the readings.
+    zero_rad
+        What goes into the rig.
+    """
+
+    hinge: HingeZero
+    shaft_rad: float
+    scatter_rad: float
+    zero_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When a walk against a stop is given up, and how it is made.
+
+    Attributes
+    ----------
+    speed_rad_s
+        Of the shaft.
+    current_a
+        Most that the motor may take; None for a gentle part of its stall current.
+    max_temperature_c, min_voltage_v
+        Of the rig.
+    """
+
+    speed_rad_s: float
+    current_a: float | None
+    max_temperature_c: float
+    min_voltage_v: float
+
+
+def zero_rad(shaft_rad: float, shaft_per_crease: float, crease_rad: float) -> float:
+    """Shaft position at which the crease's inner angle is 0, from one at which it is `crease_rad`."""
+    return shaft_rad - shaft_per_crease * crease_rad
+
+
+def steady(readings_rad: Sequence[float], name: str) -> tuple[float, float]:
+    """Median and spread of readings of a shaft that is held still.
+
+    Raises
+    ------
+    NotCalibrated
+        They scatter: it was not.
+    """
+    spread = max(readings_rad) - min(readings_rad)
+    if spread > SCATTER_RAD:
+        raise NotCalibrated(
+            f"{name} was not held still: readings scatter by {math.degrees(spread):.2f} deg at the shaft; "
+            f"limit: {math.degrees(SCATTER_RAD):.2f} deg; remedy: hold the structure in its pose, and try again"
+        )
+    return median(readings_rad), spread
+
+
+def as_switched_on(count: int, homing_offset: int) -> int:
+    """What position mode reads where a mode of many turns reads `count`: inside the first turn.
+
+    Position mode adds a homing offset only when it is at most a quarter of a turn (e-manual, "Homing Offset").
+    """
+    added = homing_offset if abs(homing_offset) <= COUNTS_PER_TURN // 4 else 0
+    return (count - homing_offset) % COUNTS_PER_TURN + added
+
+
+def nearest_turn(zero: float, old_zero: float) -> float:
+    """The same zero, whole turns away, next to an old one."""
+    return zero + TURN * round((old_zero - zero) / TURN)
+
+
+class StopDetector:
+    """Tells from readings of a hinge that is pushed whether it stands against its stop.
+
+    Parameters
+    ----------
+    effort_limit
+        What the motor may take, in the unit of the readings.
+
+    Attributes
+    ----------
+    least
+        Effort from which on it counts as pressing.
+    """
+
+    def __init__(self, effort_limit: float) -> None:
+        self.least = PRESSING * effort_limit
+        self._recent: deque[tuple[float, float, float]] = deque()
+
+    def at_stop(self, time_s: float, position_rad: float, effort: float) -> bool:
+        """Take note of a reading. True once it has stood still, pressing, for `STILL_S`."""
+        self._recent.append((time_s, position_rad, abs(effort)))
+        while len(self._recent) > 1 and time_s - self._recent[1][0] >= STILL_S:
+            self._recent.popleft()  # the window is the shortest that is long enough
+        if time_s - self._recent[0][0] < STILL_S:
+            return False
+        positions = [position for _, position, _ in self._recent]
+        still = max(positions) - min(positions) <= STILL_RAD
+        return still and median(effort for _, _, effort in self._recent) >= self.least
+
+    @property
+    def position_rad(self) -> float:
+        """Median of the last readings."""
+        return median(position for _, position, _ in self._recent)
+
+    @property
+    def scatter_rad(self) -> float:
+        """Spread of the last readings."""
+        positions = [position for _, position, _ in self._recent]
+        return max(positions) - min(positions)
+
+
+def held_zero(line: ServoLine, pong: Pong, hinge: HingeZero, clock: Clock) -> Zero:
+    """The zero of a hinge that is held in a known pose, its servo limp.
+
+    Raises
+    ------
+    NotCalibrated
+        It was not held still, or torque is on.
+    BusError
+        The servo does not answer.
+    """
+    name = f"{hinge.servo.name} (id {pong.id})"
+    with Guarded(line, pong, clock) as servo:
+        if servo.read(servo.table.torque_enable):
+            raise NotCalibrated(
+                f"{name}: torque is on; limit: limp, or it holds what nobody chose; "
+                f"remedy: ori-deploy bus torque-off {pong.id}, with the structure held by hand"
+            )
+        servo.set(servo.table.drive_mode, 0)  # as the controller will have it: not reversed
+        position, spread = steady([servo.look().position_rad for _ in range(READINGS)], name)
+        wrap = servo.read(servo.table.operating_mode) != OperatingMode.POSITION
+    return _zero(line, pong, hinge, position, spread, wrap=wrap)
+
+
+def stop_zero(
+    line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits, clock: Clock, stop: Callable[[], bool]
+) -> Zero:
+    """Walk a hinge against the stop at one end of its motion, and back off a little; the zero it gives.
+
+    Parameters
+    ----------
+    stop
+        Looked at all the time: whether to give up.
+
+    Raises
+    ------
+    NotCalibrated
+        There is no stop within the motion, the servo gets hot or its supply sags, or `stop` says so.
+    BusError
+        The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
+    """
+    with Guarded(line, pong, clock) as servo:
+        effort_limit = _limit_force(servo, limits)
+        servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
+        servo.hold()
+        detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
+        position, spread = detector.position_rad, detector.scatter_rad
+        _back_off(servo, position - hinge.towards * BACK_OFF_RAD)
+    return _zero(line, pong, hinge, position, spread, wrap=True)
+
+
+def _limit_force(servo: Guarded, limits: Limits) -> float:
+    """Bring a servo into a mode in which it gives way; return the most effort it then shows.
+
+    The goal may lie outside the first turn in either mode.
+    """
+    table, model = servo.table, servo.model
+    servo.remember(
+        (
+            table.operating_mode, table.profile_acceleration, table.profile_velocity, table.goal_pwm,
+            table.goal_current, table.position_p_gain, table.position_i_gain, table.position_d_gain,
+            table.feedforward_1st_gain, table.feedforward_2nd_gain,
+        )
+    )  # fmt: skip
+    servo.set(table.drive_mode, 0)
+    if table.goal_current is None or table.current_limit is None or model.current_unit_a is None:
+        servo.set(table.operating_mode, OperatingMode.EXTENDED_POSITION)
+        pwm = _force(servo, limits, model.stall_current_a / PWM_FULL, servo.read(table.pwm_limit))
+        servo.set(table.goal_pwm, pwm)
+        return pwm / PWM_FULL
+    servo.set(table.operating_mode, OperatingMode.CURRENT_BASED_POSITION)
+    units = _force(servo, limits, model.current_unit_a, servo.read(table.current_limit))
+    servo.set(table.goal_current, units)
+    return units * model.current_unit_a
+
+
+def _force(servo: Guarded, limits: Limits, unit_a: float, most: int) -> int:
+    """The current to push with in units of a register, at most what the servo is set to."""
+    if limits.current_a is None:
+        return min(max(1, round(GENTLE * servo.model.stall_current_a / unit_a)), most)
+    units = max(1, round(limits.current_a / unit_a))
+    if units > most:
+        raise NotCalibrated(
+            f"servo {servo.id}: --current {limits.current_a:g} A; limit: {most * unit_a:.2f} A, as it is set; "
+            "remedy: choose less"
+        )
+    return units
+
+
+def _walk(
+    servo: Guarded, hinge: HingeZero, limits: Limits, detector: StopDetector, stop: Callable[[], bool]
+) -> StopDetector:
+    """Go on until the hinge stands against its stop."""
+    name = f"{hinge.servo.name} (id {servo.id})"
+    seen = servo.look()
+    start = goal = seen.position_rad
+    farthest = TOO_FAR * hinge.way_rad + TOO_FAR_RAD
+    hottest = min(limits.max_temperature_c, servo.read(servo.table.temperature_limit) - COOL_C)
+    # A stop that is not reached shows as a hinge that goes too far, or as one that gets nowhere.
+    deadline = servo.clock.now() + 2.0 * farthest / limits.speed_rad_s + 5.0
+    while not detector.at_stop(servo.clock.now(), seen.position_rad, _effort(seen)):
+        way = abs(seen.position_rad - start)
+        if stop():
+            raise NotCalibrated(f"{name}: stopped before its stop was found")
+        if way > farthest:
+            raise NotCalibrated(
+                f"{name}: no stop within {math.degrees(way):.1f} deg of the shaft; "
+                f"limit: {math.degrees(farthest):.1f} deg, its whole motion and a little; "
+                "remedy: check that the hinge is coupled, direction and gear_ratio; or use --pose"
+            )
+        if servo.clock.now() > deadline:
+            raise NotCalibrated(
+                f"{name}: neither moving nor at a stop: {math.degrees(way):.1f} deg of the shaft, pressing with "
+                f"{abs(_effort(seen)):.3g}; limit: {detector.least:.3g} at a stop; "
+                "remedy: give --current more, or less where it holds its own weight"
+            )
+        _require_health(name, seen, hottest, limits.min_voltage_v)
+        goal += hinge.towards * limits.speed_rad_s * CYCLE_S
+        goal = min(max(goal, seen.position_rad - LEAD_RAD), seen.position_rad + LEAD_RAD)
+        servo.aim(count_of(goal))
+        seen = servo.look()
+    return detector
+
+
+def _back_off(servo: Guarded, goal_rad: float) -> None:
+    """Take the load off the stop; how far it gets does not matter."""
+    servo.aim(count_of(goal_rad))
+    deadline = servo.clock.now() + 2.0
+    while servo.clock.now() < deadline and abs(servo.look().position_rad - goal_rad) > 0.1 * BACK_OFF_RAD:
+        continue
+
+
+def _require_health(name: str, seen: Snapshot, hottest_c: float, lowest_v: float) -> None:
+    for what, value, limit, bad in (
+        ("too hot", f"{seen.temperature_c:.0f} °C", f"{hottest_c:.0f} °C", seen.temperature_c >= hottest_c),
+        ("supply too low", f"{seen.voltage_v:.1f} V", f"{lowest_v:.1f} V", seen.voltage_v < lowest_v),
+    ):
+        if bad:
+            raise NotCalibrated(f"{name}: {what}: {value}; limit: {limit}; remedy: see to it, then calibrate again")
+
+
+def _effort(seen: Snapshot) -> float:
+    """Current in amperes, or load as part of the stall torque."""
+    return seen.current_a if seen.current_a is not None else seen.load or 0.0
+
+
+def _zero(line: ServoLine, pong: Pong, hinge: HingeZero, shaft_rad: float, spread: float, *, wrap: bool) -> Zero:
+    """The zero, in the turn that the controller will find the servo in."""
+    shaft = shaft_rad
+    if wrap and hinge.servo.one_turn:
+        offset = read(line, pong.id, known_model(pong).table.homing_offset)
+        shaft += (as_switched_on(count_of(shaft_rad), offset) - count_of(shaft_rad)) * RAD_PER_COUNT
+    zero = zero_rad(shaft, hinge.shaft_per_crease, hinge.crease_rad)
+    if not hinge.servo.one_turn and read(line, pong.id, mark_of(known_model(pong))) != MARK_ADDRESS:
+        # Its turns are anybody's guess until somebody vouches for them, which is done from the rig's zero.
+        nearest = nearest_turn(zero, hinge.old_zero_rad)
+        return Zero(hinge, shaft + nearest - zero, spread, nearest)
+    return Zero(hinge, shaft, spread, zero)

@@ -1,0 +1,223 @@
+"""One servo under torque for a while: watched all the time, and put back as it was whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Self
+
+from ori_deploy.actuators.bus import ActuatorFault, BusError, CommandRefused
+from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
+from ori_deploy.actuators.dynamixel.startup import read, write
+from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
+from ori_deploy.bench.meaning import error_words
+from ori_deploy.bench.servos import Snapshot, known_model, snapshot
+from ori_deploy.clock import Clock
+from ori_deploy.wire.dynamixel import Register
+from ori_deploy.wire.dynamixel.models import WATCHDOG_FIRMWARE
+from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, WATCHDOG_UNIT_S
+
+WATCHDOG_S = 1.0
+"""A servo that hears nothing for so long stops; slow motions do not go far in it."""
+
+CYCLE_S = 0.03
+"""Time between two looks at a servo that moves."""
+
+
+class NotRestored(BusError):
+    """A servo could not be put back as it was found; the message says what is different."""
+
+
+class NotReached(BusError):
+    """A servo did not get to where it was sent. It stands where it stopped."""
+
+
+class Guarded:
+    """A context in which one servo is moved.
+
+    On the way out the watchdog is off, the torque as it was found, and every register that was set holds what
+    it held before. After an exception the servo is stopped where it is first.
+
+    Parameters
+    ----------
+    line
+        With the port at the servo's rate.
+    pong
+        The servo.
+    clock
+        Real time.
+    keep_holding
+        Leave torque on at the end, unless an exception ends it.
+
+    Attributes
+    ----------
+    held_before
+        Whether torque was on when it was found.
+    has_watchdog
+        Whether its firmware has one.
+    """
+
+    def __init__(self, line: ServoLine, pong: Pong, clock: Clock, *, keep_holding: bool = False) -> None:
+        self.line, self.clock, self.id = line, clock, pong.id
+        self.model = known_model(pong)
+        self.table = self.model.table
+        self.has_watchdog = pong.firmware >= WATCHDOG_FIRMWARE
+        self._pong, self._keep_holding = pong, keep_holding
+        self.held_before = self._holding = False
+        self._found: dict[Register, int] = {}
+
+    def __enter__(self) -> Self:
+        self.held_before = self._holding = bool(self.read(self.table.torque_enable))
+        self._clear_trip()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        wrong: list[str] = []
+        if error is not None and self._holding:
+            self._try(self.stop, "it may still move", wrong)
+        holds = self.held_before or (self._keep_holding and error is None)
+        if not holds and self._holding:
+            self._try(self._let_go, "torque may be on", wrong)
+        if self.has_watchdog:
+            self._try(lambda: self.write(self.table.bus_watchdog, 0), "its watchdog may be armed", wrong)
+        # EEPROM first: changing the operating mode resets part of the RAM.
+        for register, value in sorted(self._found.items(), key=lambda item: not item[0].eeprom):
+            self._try(lambda r=register, v=value: self._put(r, v), f"{register.name} was {value}", wrong)  # type: ignore[misc]
+        if wrong:
+            before = f"{error}; and " if isinstance(error, Exception) else ""
+            raise NotRestored(
+                f"{before}servo {self.id} could not be put back: {', '.join(wrong)}; "
+                "remedy: see to its power and wiring, then set these"
+            ) from error
+
+    # -- registers -----------------------------------------------------------------------------------
+
+    def read(self, register: Register) -> int:
+        """Value of a register. Raises as `startup.read`."""
+        return read(self.line, self.id, register)
+
+    def write(self, register: Register, value: int) -> None:
+        """Write a register for good. Raises as `startup.write`."""
+        write(self.line, self.id, register, value)
+
+    def remember(self, registers: Sequence[Register | None]) -> None:
+        """Note what registers hold now: it is what they will hold in the end."""
+        for register in registers:
+            if register is not None and register not in self._found:
+                self._found[register] = self.read(register)
+
+    def set(self, register: Register, value: int) -> None:
+        """Let a register hold a value for the time being.
+
+        Raises
+        ------
+        CommandRefused
+            It does not keep it.
+        """
+        self.remember((register,))
+        self._put(register, value)
+
+    # -- motion --------------------------------------------------------------------------------------
+
+    def hold(self) -> int:
+        """Torque on where it stands, watchdog armed; return that position in counts.
+
+        Raises
+        ------
+        CommandRefused
+            It does not take its own position for a goal, or takes no torque. It is limp then.
+        """
+        here = self.read(self.table.present_position)
+        if not self._holding:
+            self._refuse_error()
+            self.write(self.table.goal_position, here)
+            kept = self.read(self.table.goal_position)
+            if kept != here:
+                raise CommandRefused(
+                    f"servo {self.id}: torque stays off: its goal is {kept} where it stands at {here}; "
+                    "remedy: turn it to within its limits by hand"
+                )
+            self._holding = True  # from now on it is let go of at the end, however the write ends
+            self.write(self.table.torque_enable, 1)
+            if not self.read(self.table.torque_enable):
+                self._refuse_error()
+                raise CommandRefused(f"servo {self.id} takes no torque; remedy: check its supply")
+        if self.has_watchdog:
+            self.write(self.table.bus_watchdog, round(WATCHDOG_S / WATCHDOG_UNIT_S))
+        return here
+
+    def aim(self, count: int) -> None:
+        """Send it to a position, in counts. Raises as `startup.write`."""
+        self.write(self.table.goal_position, count)
+
+    def stop(self) -> None:
+        """Make where it is its goal."""
+        if not self._clear_trip():
+            self.aim(self.read(self.table.present_position))
+
+    def look(self) -> Snapshot:
+        """How it is doing, one cycle after the last look.
+
+        Raises
+        ------
+        ActuatorFault
+            It reports a hardware error, or has lost its torque.
+        BusTimeout
+            It does not answer believably.
+        """
+        self.clock.sleep_until(self.clock.now() + CYCLE_S)
+        seen = snapshot(self.line, self._pong)
+        if seen.error_bits:
+            raise ActuatorFault(
+                f"servo {self.id}",
+                f"reports {error_words(seen.error_bits)}; remedy: remove the cause, then ori-deploy bus "
+                f"reset-error {self.id}",
+            )
+        if self._holding and not seen.torque_on:
+            raise ActuatorFault(f"servo {self.id}", "lost its torque; remedy: check its supply")
+        return seen
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _clear_trip(self) -> bool:
+        """Wake a servo that its watchdog has stopped, to stay where it is; until then it takes no goals."""
+        if not self.has_watchdog or self.read(self.table.bus_watchdog) >= 0:
+            return False
+        self.write(self.table.bus_watchdog, 0)
+        self.aim(self.read(self.table.present_position))
+        return True
+
+    def _refuse_error(self) -> None:
+        bits = self.read(self.table.hardware_error_status)
+        if bits:
+            raise CommandRefused(
+                f"servo {self.id} takes no torque, reports {error_words(bits)}; "
+                f"remedy: remove the cause, then ori-deploy bus reset-error {self.id}"
+            )
+
+    def _put(self, register: Register, value: int) -> None:
+        if self.read(register) == value:
+            return
+        self.write(register, value)
+        kept = self.read(register)
+        if kept != value:
+            raise CommandRefused(f"servo {self.id}: {register.name} reads {kept} after {value} was written")
+
+    def _let_go(self) -> None:
+        self.write(self.table.torque_enable, 0)
+        self._holding = False
+
+    @staticmethod
+    def _try(what: Callable[[], None], otherwise: str, wrong: list[str]) -> None:
+        """Go on with the rest when one step fails, and remember it."""
+        try:
+            what()
+        except BusError:
+            wrong.append(otherwise)
+
+
+def count_of(position_rad: float) -> int:
+    """Shaft position in counts."""
+    return CENTRE_COUNT + round(position_rad / RAD_PER_COUNT)
