@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import click
@@ -34,11 +35,11 @@ def parse_servos(text: str, firmware: int = NEWEST_FIRMWARE) -> tuple[ServoSpec,
     ids, _, model = text.rpartition(":")
     try:
         ranges = [[int(end) for end in part.split("-")] for part in ids.split(",")]
-        numbers = [i for bounds in ranges for i in range(bounds[0], bounds[-1] + 1)]
     except ValueError:
-        numbers = []
-    if not numbers:
+        ranges = []
+    if not ranges or any(len(bounds) > 2 or bounds[0] > bounds[-1] for bounds in ranges):
         raise InputError("--servos", value=repr(text), limit="IDS:MODEL", remedy="for example 1-12:xm430")
+    numbers = chain.from_iterable(range(bounds[0], bounds[-1] + 1) for bounds in ranges)
     return tuple(ServoSpec(id=i, model=model, firmware=firmware) for i in numbers)
 
 
@@ -59,12 +60,23 @@ def make_spec(
             remedy="give one of them",
         )  # fmt: skip
     if spec is not None:
-        return BusSpec.from_json(json.loads(spec.read_text()))
-    if rig is not None:
+        made = _load_spec(spec)
+    elif rig is not None:
         made = spec_for_files(rig, plan, start)
-        return made if baud is None else replace(made, baud=baud)
-    listed = tuple(servo for text in servos for servo in parse_servos(text, firmware))
-    return BusSpec(servos=listed, baud=baud or 1_000_000)
+    else:
+        made = BusSpec(servos=tuple(servo for text in servos for servo in parse_servos(text, firmware)))
+    return made if baud is None else replace(made, baud=baud)
+
+
+def _load_spec(path: Path) -> BusSpec:
+    try:
+        return BusSpec.from_json(json.loads(path.read_text()))
+    except (OSError, ValueError, KeyError, TypeError) as wrong:
+        raise InputError(
+            f"{path}: no specification of a bus",
+            value=f"{type(wrong).__name__}: {wrong}",
+            remedy="write what BusSpec.to_json() makes",
+        ) from wrong
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})

@@ -19,6 +19,10 @@ READS = frozenset({READ, SYNC_READ, FAST_SYNC_READ, BULK_READ})
 CLEAR_TURNS = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 FIRST_CLEAR_FIRMWARE = 42
 
+COUNTED = frozenset({"drop", "corrupt", "truncate", "delay"})
+MEASURED = frozenset({"cut_bytes", "delay_s"})
+"""Names in `Faults`: what is used up answer by answer, and by how much it hits."""
+
 WATCH_STEPS = 5
 """Steps of the motors between two looks of a servo at itself."""
 
@@ -101,6 +105,8 @@ class Bus:
         self.servos = [Servo(servo, spec.baud, self.motors, k) for k, servo in enumerate(spec.servos)]
         self.faults = [Faults() for _ in spec.servos]
         self.noise = b""
+        for servo in self.servos:
+            servo.heard(now)
         self._epoch, self._steps = now, 0
         self._after: list[Callable[[], None]] = []
 
@@ -144,7 +150,7 @@ class Bus:
             if servo.baud_code == code and now >= servo.silent_until and target in (BROADCAST, servo.id)
         ]
         if not instruction.good:
-            alone = [servo for servo in meant if instruction.target != BROADCAST]
+            alone = [servo for servo in meant if target != BROADCAST and _speaks(servo, instruction.code)]
             return self._answer([_Said(servo, self._status(servo, CRC)) for servo in alone], baud)
         for servo in meant:
             servo.heard(now)
@@ -179,15 +185,12 @@ class Bus:
 
     def _single(self, servo: Servo, instruction: Instruction, now: float) -> bytes:
         """Carry one instruction out, and its status packet; empty where the return level forbids one."""
-        level = servo.get(servo.table.status_return_level)
-        before = servo.id
+        speaks = _speaks(servo, instruction.code)
         try:
-            data = self._carry_out(servo, instruction, now)
+            frame = status(servo.id, servo.error_byte, self._carry_out(servo, instruction, now))
         except Refusal as refusal:
-            return b"" if level < 2 and instruction.code != READ else self._status(servo, refusal.code)
-        if instruction.code == PING or (instruction.code == READ and level >= 1) or level >= 2:
-            return status(before, servo.error_byte, data)
-        return b""
+            frame = self._status(servo, refusal.code)
+        return frame if speaks else b""
 
     def _carry_out(self, servo: Servo, instruction: Instruction, now: float) -> bytes:
         parameters = instruction.parameters
@@ -252,7 +255,7 @@ class Bus:
         by_id = _by_id(meant)
         said: list[_Said] = []
         for servo_id, address, size in asked:
-            there = [servo for servo in by_id[servo_id] if not self._fault(servo).mute]
+            there = [s for s in by_id[servo_id] if not self._fault(s).mute and _speaks(s, SYNC_READ)]
             if not there and not self.spec.followers_answer:
                 break
             for servo in there:
@@ -266,20 +269,19 @@ class Bus:
         """One packet to which every servo adds its block; whoever is missing ends it."""
         address, size, ids = _word(parameters), _word(parameters[2:]), parameters[4:]
         data = HEADER + bytes((BROADCAST,)) + (1 + len(ids) * (size + 4)).to_bytes(2, "little") + bytes((STATUS,))
-        sent = bytearray()
+        able = _by_id([s for s in meant if s.spec.firmware >= FAST_SYNC_READ_FIRMWARE and _speaks(s, FAST_SYNC_READ)])
+        sent, heard = b"", data
         pause = 0.0
         for servo_id in ids:
-            servo = next((s for s in meant if s.id == servo_id and s.spec.firmware >= FAST_SYNC_READ_FIRMWARE), None)
-            if servo is None or self._fault(servo).mute or self._fault(servo).use("drop"):
+            there = [s for s in able[servo_id] if not (self._fault(s).mute or self._fault(s).use("drop"))]
+            if not there:
                 break
-            pause = pause or self.spec.turnaround_s + servo.return_delay_s
-            try:
-                block = bytes((servo.error_byte, servo_id)) + servo.read(address, size)
-            except Refusal as refusal:
-                block = bytes((servo.error_byte | refusal.code, servo_id)) + bytes(size)
-            crc = crc16(data + block).to_bytes(2, "little")
-            sent += self._spoil(servo, (b"" if sent else data) + block + crc, at=-4)
-            data += block + crc
+            pause = pause or self.spec.turnaround_s + there[0].return_delay_s
+            blocks = [_block(servo, servo_id, address, size, heard) for servo in there]
+            pause += sum(self._fault(servo).delay_s for servo in there if self._fault(servo).use("delay"))
+            start = b"" if sent else data
+            sent += _collide([self._spoil(s, start + block, at=-4) for s, block in zip(there, blocks, strict=True)])
+            heard += _collide(blocks)
         return Answer(bytearray(self._take_noise()) + sent, pause + 10.0 * len(sent) / baud)
 
     def _answer(self, said: Sequence[_Said], baud: int) -> Answer:
@@ -334,6 +336,21 @@ def _collide(frames: Sequence[bytes]) -> bytes:
         for at, byte in enumerate(frame):
             heard[at] &= byte
     return bytes(heard)
+
+
+def _speaks(servo: Servo, code: int) -> bool:
+    """Whether its status return level lets it answer an instruction."""
+    level = servo.get(servo.table.status_return_level)
+    return code == PING or level >= 2 or (level == 1 and code in READS)
+
+
+def _block(servo: Servo, servo_id: int, address: int, size: int, before: bytes) -> bytes:
+    """A servo's part of a fast answer; its CRC goes over everything `before`, too."""
+    try:
+        block = bytes((servo.error_byte, servo_id)) + servo.read(address, size)
+    except Refusal as refusal:
+        block = bytes((servo.error_byte | refusal.code, servo_id)) + bytes(size)
+    return block + crc16(before + block).to_bytes(2, "little")
 
 
 def _by_id(servos: Sequence[Servo]) -> Mapping[int, Sequence[Servo]]:

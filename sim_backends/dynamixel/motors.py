@@ -138,15 +138,16 @@ class Motors:
         goal = np.where(self.frozen | ~self.torque_on, self._way_rad, self.goal_rad)
         left = goal - self._way_rad
         instant = np.isinf(self.profile_rad_s)
-        with np.errstate(invalid="ignore"):
-            braking = np.sqrt(2.0 * self.profile_rad_s2 * np.abs(left))
-        top = np.minimum(self.profile_rad_s, np.where(np.isnan(braking), np.inf, braking))
         change = self.profile_rad_s2 * STEP_S
+        away = 2.0 * np.abs(left)
+        with np.errstate(invalid="ignore"):  # the fastest that whole steps of braking can still bring to rest there
+            braking = away / STEP_S / (0.5 + np.sqrt(0.25 + away / (change * STEP_S)))
+        top = np.minimum(self.profile_rad_s, np.where(np.isinf(change), np.inf, braking))
         with np.errstate(invalid="ignore"):
             target = np.where(instant, 0.0, np.sign(left) * np.where(np.isinf(top), 0.0, top))
             rate = self._way_rad_s + np.clip(target - self._way_rad_s, -change, change)
         step = rate * STEP_S
-        there = instant | (np.abs(step) >= np.abs(left)) & (step * left >= 0.0)
+        there = instant | (np.abs(step) >= np.abs(left)) & (step * left >= 0.0) & (np.abs(rate) <= 1.01 * change)
         self._way_rad = np.where(there, goal, self._way_rad + step)
         self._way_rad_s = np.where(there, 0.0, rate)
         limp = ~self.torque_on
@@ -159,7 +160,7 @@ class Motors:
             return self._stop_low, self._stop_high
         lower, upper = self._stop_low.copy(), self._stop_high.copy()
         for pin in self._pins:
-            pin.restrain(self.shaft_rad, self.output_rad, lower, upper)
+            pin.restrain(self.output_rad, lower, upper)
         return lower, upper
 
     def _electrics(self, error: FloatArray, blocked: NDArray[np.bool_]) -> None:
@@ -182,11 +183,11 @@ class _Pin:
         self._hinges = np.array([ids.index(hinge) for hinge in spec.hinge_ids], dtype=np.intp)
         self._closed, self._range = np.array(spec.closed_rad), np.array(spec.range_rad)
 
-    def restrain(self, shaft: FloatArray, output: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
+    def restrain(self, output: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
         """Narrow the bounds: a pin outside its hole stops there, hinges with the pin in stay."""
-        travel = (shaft[self._servo] - self._released) / (self._engaged - self._released)
+        travel = (output[self._servo] - self._released) / (self._engaged - self._released)
         there = output[self._hinges]
-        if travel > PIN_ENTRY:
+        if travel > PIN_ENTRY + 1e-9:
             closed, grip = self._closed, GRIP_RAD
             lower[self._hinges] = np.maximum(lower[self._hinges], np.minimum(there, closed - grip))
             upper[self._hinges] = np.minimum(upper[self._hinges], np.maximum(there, closed + grip))

@@ -9,6 +9,7 @@ import socket
 import struct
 import tty
 from fcntl import ioctl
+from hashlib import sha256
 from pathlib import Path
 
 from ori_deploy.errors import InputError
@@ -86,8 +87,13 @@ class Plug:
                     return
 
 
-def claim(link: Path, control: Path) -> None:
+def claim(link: Path, control: Path) -> socket.socket:
     """Make sure that no other bus has the link, and clear away what a dead one left.
+
+    Returns
+    -------
+    socket
+        The claim, until it is closed or the process ends: a name that Linux gives to one alone.
 
     Raises
     ------
@@ -103,11 +109,37 @@ def claim(link: Path, control: Path) -> None:
             f"{control}: too long for a socket's name", value=f"{len(str(control))} characters", limit="100",
             remedy="choose a shorter --control",
         )  # fmt: skip
+    if not control.parent.is_dir():
+        raise InputError(
+            f"{control}: its folder does not exist", value=control.parent, remedy="make it, or choose another"
+        )
+    held = socket.socket(socket.AF_UNIX)
+    try:
+        where = str(link.parent.resolve() / link.name)
+        held.bind(b"\0virtual-dynamixel-bus-" + sha256(where.encode()).hexdigest().encode())
+    except OSError:
+        held.close()
+        raise _taken(link) from None
+    try:
+        _clear(link, control)
+    except InputError:
+        held.close()
+        raise
+    return held
+
+
+def _taken(link: Path) -> InputError:
+    return InputError(f"{link}: another virtual bus has it", remedy="end that one, or choose another --link")
+
+
+def _clear(link: Path, control: Path) -> None:
     if control.exists():
+        if not control.is_socket():
+            raise InputError(f"{control}: there is a file of this name", remedy="choose another --control")
         with socket.socket(socket.AF_UNIX) as probe:
             wrong = probe.connect_ex(str(control))
         if wrong == 0:
-            raise InputError(f"{link}: another virtual bus has it", remedy="end that one, or choose another --link")
+            raise _taken(link)
         if wrong in (errno.ECONNREFUSED, errno.ENOENT):
             control.unlink(missing_ok=True)
         else:

@@ -8,10 +8,11 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from sim_backends.dynamixel.bus import READS, Answer, Bus, truth
+from sim_backends.dynamixel.bus import COUNTED, MEASURED, READS, Answer, Bus, truth
 from sim_backends.dynamixel.packets import Listener
 from sim_backends.dynamixel.plug import Plug, claim
 from sim_backends.dynamixel.spec import BusSpec
@@ -33,7 +34,7 @@ class Process:
     """
 
     def __init__(self, spec: BusSpec, link: Path, control: Path) -> None:
-        claim(link, control)
+        self._claim = claim(link, control)
         self._spec = spec
         self._bus = Bus(spec, time.monotonic())
         self._listener = Listener()
@@ -67,6 +68,7 @@ class Process:
             self._plug.pull_out()
             server.close()
             self._control.unlink(missing_ok=True)
+            self._claim.close()
 
     def _end(self, *_: object) -> None:
         self._ended = True
@@ -74,6 +76,8 @@ class Process:
     # -- the line ------------------------------------------------------------------------------------
 
     def _put_in(self) -> None:
+        if self._plug.fileno() >= 0:
+            return
         self._plug.put_in()
         self._listener.clear()
         self._selector.register(self._plug.fileno(), selectors.EVENT_READ, self._hear)
@@ -84,10 +88,14 @@ class Process:
             self._plug.pull_out()
 
     def _hear(self, _: object) -> None:
+        if self._plug.fileno() < 0:
+            return  # pulled out since the host spoke
         data = self._plug.receive()
         arrived = time.monotonic()
         baud = self._plug.baud()
         self._account["received"] += len(data)
+        if not baud:
+            return  # a host that has hung up, in termios' words
         for instruction in self._listener.feed(data):
             asked_s = 10.0 * instruction.size / baud
             heard = max(arrived, self._line_free) + asked_s if self._spec.wire_timing else arrived
@@ -132,9 +140,10 @@ class Process:
         try:
             line = stream.readline()
             if line:
-                stream.write(json.dumps(self._command(json.loads(line))).encode() + b"\n")
+                words = json.loads(line)
+                stream.write(json.dumps(self._command(words)).encode() + b"\n")
                 stream.flush()
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             line = b""  # whoever sends nonsense, or has gone, is not spoken to any more
         if not line:
             self._selector.unregister(connection)
@@ -143,6 +152,8 @@ class Process:
 
     def _command(self, words: Mapping[str, Any]) -> dict[str, Any]:
         """Do what a line of JSON says: `{"do": NAME, ...}`. Answers with `ok`, or with `error`."""
+        if not isinstance(words, dict):
+            raise ValueError("no JSON object")
         self._bus.advance(time.monotonic())
         arguments = {key: value for key, value in words.items() if key != "do"}
         commands: dict[str, Callable[..., Any]] = {
@@ -155,16 +166,16 @@ class Process:
             "fault": self._fault,
             "mute": self._mute,
             "reboot": lambda id: self._each(id, lambda k: self._bus.servos[k].reboot(time.monotonic())),
-            "jam": lambda id, on: self._each(id, lambda k: self._bus.motors.jammed.__setitem__(k, on)),
-            "push": lambda id, by_rad: self._each(id, lambda k: self._bus.motors.push(k, by_rad)),
-            "fail": lambda id, bits: self._each(id, lambda k: self._bus.servos[k].fail(bits)),
+            "jam": lambda id, on: self._each(id, lambda k: self._bus.motors.jammed.__setitem__(k, bool(on))),
+            "push": lambda id, by_rad: self._each(id, lambda k: self._bus.motors.push(k, _number(by_rad))),
+            "fail": lambda id, bits: self._each(id, lambda k: self._bus.servos[k].fail(int(bits))),
             "heat": self._heat,
             "set": self._set,
             "get": lambda id, name: self._bus.servos[self._rows(id)[0]].named(name),
         }
         try:
             return {"ok": commands[words["do"]](**arguments)}
-        except (KeyError, TypeError, ValueError, IndexError) as wrong:
+        except (KeyError, TypeError, ValueError, OverflowError) as wrong:
             return {"error": f"{words.get('do')}: {type(wrong).__name__}: {wrong}"}
 
     def _rows(self, servo_id: int) -> list[int]:
@@ -178,27 +189,35 @@ class Process:
             act(k)
 
     def _fault(self, id: int, kind: str, count: int, **more: float) -> None:
+        if kind not in COUNTED or not set(more) <= MEASURED:
+            raise ValueError(f"there is no fault {kind} with {sorted(more)}")
         for k in self._rows(id):
             fault = self._bus.faults[k]
-            setattr(fault, kind, getattr(fault, kind) + count)
+            setattr(fault, kind, getattr(fault, kind) + int(count))
             for name, value in more.items():
-                setattr(fault, name, value)
+                setattr(fault, name, type(getattr(fault, name))(_number(value)))
 
     def _mute(self, id: int, on: bool) -> None:
         for k in self._rows(id):
-            self._bus.faults[k].mute = on
+            self._bus.faults[k].mute = bool(on)
 
     def _heat(self, id: int, temperature_c: float) -> None:
         for k in self._rows(id):
-            self._bus.motors.temperature_c[k] = temperature_c
+            self._bus.motors.temperature_c[k] = _number(temperature_c)
 
     def _set(self, id: int, name: str, value: int) -> None:
         for k in self._rows(id):
             servo = self._bus.servos[k]
-            servo.put(servo.table.named(name), value)
+            servo.put(servo.table.named(name), int(value))
 
     def _sag(self, volts: float) -> None:
-        self._bus.motors.sag_v = volts
+        self._bus.motors.sag_v = _number(volts)
 
     def _noise(self, data: str) -> None:
         self._bus.noise += bytes.fromhex(data)
+
+
+def _number(value: float) -> float:
+    if not isfinite(value):
+        raise ValueError(f"{value} is no number to reckon with")
+    return float(value)

@@ -5,6 +5,7 @@ Source: e-manual, control tables of the X series, and Protocol 2.0, table "Error
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import floor, inf, pi
 from struct import pack_into
 
@@ -30,7 +31,6 @@ ALERT = 0x80
 INPUT_VOLTAGE, OVERHEATING, OVERLOAD = 0x01, 0x04, 0x20
 """Bits of Hardware Error Status (70) and Shutdown (63)."""
 
-TABLE_END = 662
 RAD_PER_COUNT = 2.0 * pi / COUNTS_PER_TURN
 FARTHEST_COUNT = 1_048_575
 """Goals of extended position: 256 turns either way."""
@@ -76,14 +76,16 @@ class Servo:
         self.model = model_named(spec.model)
         self.table = self.model.table
         self._motors, self.k = motors, k
-        self._memory = bytearray(TABLE_END)
+        self._end = max(block.first_data + block.count for block in self._blocks())
+        self._memory = bytearray(self._end)
         self._registers = [register for register in self.table if register.size]
         self._pointers = [block.pointer(i) for block in self._blocks() for i in range(block.count)]
         self._by_byte = {a: r for r in (*self._registers, *self._pointers) for a in range(r.address, r.end)}
-        self._moving_addresses = frozenset(register.address for register in self._goals())
+        self._data = {a: Register("indirect_data", a, 1, 0, 0, 255) for a in self._data_addresses()}
+        self._goal_addresses = frozenset(register.address for register in self._goals())
         self._turns = 0
         self._registered: tuple[int, bytes] | None = None
-        self._heard_s = -inf
+        self._heard_s = 0.0
         self.silent_until = -inf
         self.factory_reset(keep_id=False, keep_baud=False)
         self.put(self.table.id, spec.id)
@@ -139,7 +141,7 @@ class Servo:
         Refusal
             Beyond the end of the table.
         """
-        if size == 0 or address + size > TABLE_END:
+        if size == 0 or address + size > self._end:
             raise Refusal(ACCESS)
         self._measure()
         if address + size <= self.table.indirect.first_data:
@@ -174,16 +176,17 @@ class Servo:
         self.put(self.table.registered_instruction, 1)
 
     def action(self) -> None:
-        """Do what was registered, if anything was."""
-        if self._registered is not None:
-            address, data = self._registered
-            self._registered = None
-            self.put(self.table.registered_instruction, 0)
-            self.write(address, data)
+        """Do what was registered. Raises as `write`, and when nothing was."""
+        if self._registered is None:
+            raise Refusal(INSTRUCTION)
+        address, data = self._registered
+        self._registered = None
+        self.put(self.table.registered_instruction, 0)
+        self.write(address, data)
 
     def _changes(self, address: int, data: bytes) -> list[tuple[Register, int]]:
         """What is written to which register, indirect addresses followed; whole registers only."""
-        if not data or address + len(data) > TABLE_END:
+        if not data or address + len(data) > self._end:
             raise Refusal(ACCESS)
         whole = self._by_byte.get(address)
         if whole is not None and (whole.address, whole.size) == (address, len(data)):
@@ -191,12 +194,9 @@ class Servo:
         written = {self._target(address + k): byte for k, byte in enumerate(data)}
         changes: dict[Register, int] = {}
         for at in written:
-            register = self._by_byte.get(at)
+            register = self._by_byte.get(at) or self._data.get(at)
             if register is None:
-                if not self._indirect_data(at):
-                    raise Refusal(ACCESS)
-                self._memory[at] = written[at]
-                continue
+                raise Refusal(ACCESS)
             span = range(register.address, register.end)
             if not all(a in written for a in span):
                 raise Refusal(DATA_LENGTH)
@@ -215,8 +215,12 @@ class Servo:
         table = self.table
         if register is table.operating_mode and value not in self.model.modes:
             raise Refusal(DATA_RANGE)
-        if register.address in self._moving_addresses and self.get(table.bus_watchdog) == WATCHDOG_TRIPPED:
+        tripped = self.get(table.bus_watchdog) == WATCHDOG_TRIPPED
+        if tripped and (register.address in self._goal_addresses or (register is table.bus_watchdog and value)):
             raise Refusal(DATA_RANGE)
+        shut_down = self.get(table.hardware_error_status) & self.get(table.shutdown)
+        if register is table.torque_enable and value and shut_down:
+            raise Refusal(RESULT_FAIL)
         self._check_limits(register, value)
 
     def _check_limits(self, register: Register, value: int) -> None:
@@ -238,16 +242,17 @@ class Servo:
 
     def _apply(self, register: Register, value: int) -> None:
         table, motors, k = self.table, self._motors, self.k
-        if register is table.torque_enable and value:
-            if self.get(table.hardware_error_status) & self.get(table.shutdown):
-                raise Refusal(RESULT_FAIL)
-            if not motors.torque_on[k]:
-                motors.hold(k)
+        if register is table.torque_enable and value and not motors.torque_on[k]:
+            motors.hold(k)
+            if self.mode is OperatingMode.POSITION:
+                self._forget_turns()
         self.put(register, value)
         if register is table.goal_position:
             motors.goal_rad[k] = self.rad_of(value)
             return
         if register is table.operating_mode:
+            if value == OperatingMode.POSITION:
+                self._forget_turns()
             self._reset_goals()
         elif register is table.bus_watchdog:
             self._thaw()
@@ -347,9 +352,9 @@ class Servo:
         self._heard_s = now
 
     def trip_time(self) -> float:
-        """When its watchdog will trip if nothing comes; inf when it is off or has tripped."""
+        """When its watchdog will trip if nothing comes; inf without torque, and when it is off or has tripped."""
         units = self.get(self.table.bus_watchdog)
-        if units <= 0 or self.spec.firmware < WATCHDOG_FIRMWARE:
+        if units <= 0 or not self.get(self.table.torque_enable) or self.spec.firmware < WATCHDOG_FIRMWARE:
             return inf
         return self._heard_s + units * WATCHDOG_UNIT_S
 
@@ -369,7 +374,7 @@ class Servo:
 
     def reboot(self, now: float) -> None:
         """Restart: RAM as new, torque off, turns forgotten, silent for a while."""
-        for register in (*self._registers, *self._pointers):
+        for register in (*self._registers, *self._pointers, *self._data.values()):
             if not register.eeprom:
                 self.put(register, register.default)
         self._restart()
@@ -380,7 +385,7 @@ class Servo:
         kept = [(self.table.id, self.id)] if keep_id else []
         if keep_baud:
             kept.append((self.table.baud_rate, self.get(self.table.baud_rate)))
-        for register in (*self._registers, *self._pointers):
+        for register in (*self._registers, *self._pointers, *self._data.values()):
             self.put(register, register.default)
         for register, value in kept:
             self.put(register, value)
@@ -413,8 +418,8 @@ class Servo:
         more = self.table.more_indirect
         return (self.table.indirect,) if more is None else (self.table.indirect, more)
 
-    def _indirect_data(self, address: int) -> bool:
-        return any(block.first_data <= address < block.first_data + block.count for block in self._blocks())
+    def _data_addresses(self) -> Iterator[int]:
+        return (block.first_data + k for block in self._blocks() for k in range(block.count))
 
     def _target(self, address: int) -> int:
         """Where a byte really is: indirect data shows what its pointer points at."""
@@ -422,11 +427,10 @@ class Servo:
             k = address - block.first_data
             if 0 <= k < block.count:
                 pointed = self.get(block.pointer(k))
-                return pointed if pointed < TABLE_END else address
+                return pointed if pointed < self._end else address
         return address
 
     def _goals(self) -> tuple[Register, ...]:
         table = self.table
         goals = (table.goal_pwm, table.goal_current, table.goal_velocity, table.goal_position)
-        moves = (table.profile_velocity, table.profile_acceleration)
-        return tuple(register for register in (*goals, *moves) if register is not None)
+        return tuple(register for register in goals if register is not None)

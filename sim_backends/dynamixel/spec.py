@@ -47,6 +47,17 @@ class ServoSpec:
     def __post_init__(self) -> None:
         if not 0 <= self.id <= 252:
             raise InputError(f"servo id {self.id}", limit="0 to 252", remedy="choose another")
+        if not 0 <= self.firmware <= 255:
+            raise InputError(
+                f"servo {self.id}: firmware", value=self.firmware, limit="0 to 255", remedy="choose another"
+            )
+        if not (self.time_constant_s > 0.0 and self.backlash_rad >= 0.0):
+            raise InputError(
+                f"servo {self.id}: time constant and backlash",
+                value=f"{self.time_constant_s} s, {self.backlash_rad} rad",
+                limit="more than 0, and 0 or more",
+                remedy="change them",
+            )
         try:
             model_named(self.model)
         except KeyError:
@@ -76,6 +87,20 @@ class PinSpec:
     hinge_ids: tuple[int, ...]
     closed_rad: tuple[float, ...]
     range_rad: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.engaged_rad == self.released_rad:
+            raise InputError(
+                f"lock pin {self.servo_id}: its two ends",
+                value=f"both {self.engaged_rad} rad",
+                remedy="let them differ",
+            )
+        if not len(self.hinge_ids) == len(self.closed_rad) == len(self.range_rad):
+            raise InputError(
+                f"lock pin {self.servo_id}: hinge_ids, closed_rad, range_rad",
+                value=f"{len(self.hinge_ids)}, {len(self.closed_rad)} and {len(self.range_rad)} of them",
+                remedy="give one of each for every hinge",
+            )
 
 
 @dataclass(frozen=True)
@@ -121,6 +146,10 @@ class BusSpec:
                 raise InputError(
                     "unknown baud rate", value=baud, limit=", ".join(str(b) for b in BAUD_CODES), remedy="choose one"
                 )
+
+        missing = {i for pin in self.pins for i in (pin.servo_id, *pin.hinge_ids)} - {s.id for s in self.servos}
+        if missing:
+            raise InputError("lock pins name servos", value=sorted(missing), remedy="put these on the bus")
 
     def to_json(self) -> dict[str, Any]:
         """As plain data."""

@@ -54,6 +54,7 @@ def test_deploys_with_a_pin_and_magnets_and_stows_again(tmp_path: Path) -> None:
         np.testing.assert_allclose(shafts(setup), setup.rig.to_actuator(setup.plan.crease_angles_rad[0]), atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "mend", "kinds"),
     [
@@ -88,6 +89,7 @@ def test_a_fault_is_cleared_and_the_motion_begun_again(
         assert controller.run().succeeded
 
 
+@pytest.mark.slow
 def test_an_unplugged_bus_is_found_again_where_it_stood(tmp_path: Path) -> None:
     with controlled(tmp_path) as (setup, controller):
         controller.deploy()
@@ -109,6 +111,7 @@ def test_an_unplugged_bus_is_found_again_where_it_stood(tmp_path: Path) -> None:
         assert controller.run().succeeded
 
 
+@pytest.mark.slow
 def test_a_host_that_hangs_finds_its_servos_stopped_and_says_so(tmp_path: Path) -> None:
     with controlled(tmp_path, watchdog_s=0.08) as (setup, controller):
         controller.deploy()
@@ -145,6 +148,7 @@ def test_an_exception_brings_it_to_rest_and_leaves_it_holding(tmp_path: Path) ->
         assert not setup.bus.connected
 
 
+@pytest.mark.slow
 def test_spoilt_replies_are_counted_and_nothing_else(tmp_path: Path) -> None:
     with controlled(tmp_path) as (setup, controller):
         controller.deploy()

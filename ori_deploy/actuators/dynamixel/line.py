@@ -2,8 +2,9 @@
 
 Guards against the SDK (release 4.1.0): its lock is cleared before every transaction, since an exception
 leaves it set; a reply is believed only when it has exactly the bytes that were asked for (the SDK indexes
-into shorter ones and answers 0 for missing data); one servo's silence does not end a sync read; the reply to
-a fast sync read is checked block by block.
+into shorter ones and answers 0 for missing data); a header in what is sent is stuffed here, since the SDK
+throws away what it stuffs; one servo's silence does not end a sync read; the reply to a fast sync read is
+checked block by block.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ PING_SLOT_S = 3e-3
 """Longest time that one servo takes to answer a broadcast ping, over its bytes (SDK, broadcastPing)."""
 
 _STUFFING = 4  # a stuffed byte needs three others before it: a packet grows by a third at the most
-STUFFED = b"\xff\xff\xfd\xfd"
+PATTERN, STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
 _PING_DATA = 3
+_BODY = 7
 _AT_ID, _AT_ERROR, _AT_DATA = 4, 8, 9
 
 _ERRORS = {
@@ -332,8 +334,18 @@ class ServoLine:
         alike = frame == self._asked[1] and (asked[0] == self._asked[0] or BROADCAST in (asked[0], self._asked[0]))
         self._asked = asked
         self.port.begin(frame + frame // _STUFFING + 1, expected, PATIENCE_S if alike else IMPATIENCE_S)
-        if self._sdk.txPacket(self.port, packet) != COMM_SUCCESS:
+        if PATTERN in bytes(packet[_BODY:-2]):
+            self._send_stuffed(packet)
+        elif self._sdk.txPacket(self.port, packet) != COMM_SUCCESS:
             raise ValueError(f"the SDK does not send a packet of {len(packet)} bytes")
+
+    def _send_stuffed(self, packet: list[int]) -> None:
+        """Send a packet with a header in its parameters: the SDK throws away what it stuffs."""
+        body = bytes(packet[_BODY:-2]).replace(PATTERN, STUFFED)
+        data = HEADER + bytes((packet[_AT_ID],)) + (len(body) + 2).to_bytes(2, "little") + body
+        crc: int = self._sdk.updateCRC(0, data, len(data))
+        self.port.clearPort()
+        self.port.writePort(data + crc.to_bytes(2, "little"))
 
     def _receive(self) -> list[int] | None:
         """The next good status packet, without stuffing; None when there is no more."""

@@ -53,6 +53,20 @@ def test_instructions_are_the_published_bytes() -> None:
     assert sent[3].hex() == "fffffd00fe0900" + "8284000400" + "0102" + "cefa"
 
 
+def test_headers_in_what_is_sent_are_stuffed() -> None:
+    """Goal -131073 is FF FF FD FF; the SDK would send it as it is."""
+    with ScriptedPort(lambda request: status(1) if request[4] == 1 else b"") as scripted:
+        scripted.line.write(1, TABLE.goal_position, -131073)
+        scripted.line.sync_write(116, 4, {2: TABLE.goal_position.encode(-131073), 3: bytes(4)})
+        scripted.line.read_block(1, 64, 0)
+    for packet, servo_id, body in (
+        (scripted.sent[0], 1, bytes((3, 116, 0)) + b"\xff\xff\xfd\xfd\xff"),
+        (scripted.sent[1], 0xFE, bytes((0x83, 116, 0, 4, 0, 2)) + b"\xff\xff\xfd\xfd\xff" + bytes((3, 0, 0, 0, 0))),
+    ):
+        head = b"\xff\xff\xfd\x00" + bytes((servo_id,)) + (len(body) + 2).to_bytes(2, "little") + body
+        assert packet == head + crc16(head).to_bytes(2, "little")
+
+
 def test_writes_wait_for_consent_and_refusals_are_typed() -> None:
     with ScriptedPort(lambda request: status(1, error=0 if request[9] == 0 and request[10] == 0 else 4)) as scripted:
         scripted.line.write(1, TABLE.goal_position, 512)
