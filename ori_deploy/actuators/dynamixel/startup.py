@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
-from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
+from ori_deploy.actuators.dynamixel.line import Pong, ServoLine, ServoRefused
 from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, PinServo, Wiring
 from ori_deploy.wire.dynamixel import ControlTable, OperatingMode, Register, ServoModel
@@ -87,6 +87,7 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
         Torque is on and a register that it locks differs; or a register does not keep what was written.
     """
     torque = read(line, servo.id, servo.model.table.torque_enable)
+    _refuse_torque_at_startup(line, servo)
     for register, value in _wanted(servo, settings, travel_s):
         found = read(line, servo.id, register)
         if found == value:
@@ -103,6 +104,19 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
                 f"{name_of(servo)} (id {servo.id}): {register.name} reads {kept} after {value} was written; "
                 "remedy: restart it (ori-deploy bus reset-error), or replace it"
             )
+
+
+def _refuse_torque_at_startup(line: ServoLine, servo: HingeServo | PinServo) -> None:
+    """A servo that holds a goal of its own as soon as it has power is nobody's to move."""
+    try:
+        found = read(line, servo.id, servo.model.table.startup_configuration)
+    except ServoRefused:
+        return  # firmware that does not have the register does not have the function
+    if found:
+        raise CommandRefused(
+            f"{name_of(servo)} (id {servo.id}): startup_configuration is {found}: it may take torque or restore "
+            "goals when it is switched on; limit: 0; remedy: write 0 to address 60 with DYNAMIXEL Wizard"
+        )
 
 
 def restarted(line: ServoLine, servos: Sequence[HingeServo]) -> tuple[HingeServo, ...]:

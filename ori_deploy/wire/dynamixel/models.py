@@ -81,8 +81,7 @@ def _table(
     velocity_gains: tuple[int, int],
     position_gains: tuple[int, int, int],
     drive_mode_max: int,
-    moving_threshold_max: int = 1023,
-    profile_acceleration_max: int = 32767,
+    moving_threshold: int = 10,
     external_ports: bool = False,
     indirect: IndirectBlock,
     more_indirect: IndirectBlock | None,
@@ -105,7 +104,7 @@ def _table(
         secondary_id=Register("secondary_id", 12, 1, 255, 0, 255),
         protocol_type=Register("protocol_type", 13, 1, 2, 1, 22),
         homing_offset=Register("homing_offset", 20, 4, 0, -1_044_479, 1_044_479, signed=True),
-        moving_threshold=Register("moving_threshold", 24, 4, 10, 0, moving_threshold_max),
+        moving_threshold=Register("moving_threshold", 24, 4, moving_threshold, 0, 1023),
         temperature_limit=Register("temperature_limit", 31, 1, temperature_limit, 0, 100),
         max_voltage_limit=Register("max_voltage_limit", 32, 2, v_default_high, v_low, v_high),
         min_voltage_limit=Register("min_voltage_limit", 34, 2, v_default_low, v_low, v_high),
@@ -119,6 +118,7 @@ def _table(
         external_port_mode_1=Register("external_port_mode_1", 56, 1, 3, 0, 3) if external_ports else None,
         external_port_mode_2=Register("external_port_mode_2", 57, 1, 3, 0, 3) if external_ports else None,
         external_port_mode_3=Register("external_port_mode_3", 58, 1, 3, 0, 3) if external_ports else None,
+        startup_configuration=Register("startup_configuration", 60, 1, 0, 0, 3),
         shutdown=Register("shutdown", 63, 1, shutdown, 0, 255),
         torque_enable=Register("torque_enable", 64, 1, 0, 0, 1),
         led=Register("led", 65, 1, 0, 0, 1),
@@ -136,7 +136,7 @@ def _table(
         goal_pwm=Register("goal_pwm", 100, 2, signed=True),
         goal_current=Register("goal_current", 102, 2, signed=True) if current else None,
         goal_velocity=Register("goal_velocity", 104, 4, signed=True),
-        profile_acceleration=Register("profile_acceleration", 108, 4, 0, 0, profile_acceleration_max),
+        profile_acceleration=Register("profile_acceleration", 108, 4, 0, 0, 32767),
         profile_velocity=Register("profile_velocity", 112, 4, 0, 0, 32767),
         goal_position=Register("goal_position", 116, 4, signed=True),
         realtime_tick=_read_only("realtime_tick", 120, 2),
@@ -159,9 +159,9 @@ def _table(
     )
 
 
-_INDIRECT = IndirectBlock(168, 224, 28)
-_MORE_INDIRECT = IndirectBlock(578, 634, 28)
-_INDIRECT_XL330 = IndirectBlock(168, 208, 20)
+_INDIRECT = IndirectBlock(168, 224, 28, 661)
+_MORE_INDIRECT = IndirectBlock(578, 634, 28, 661)
+_INDIRECT_XL330 = IndirectBlock(168, 208, 20, 227)
 
 _ALL_MODES = frozenset(OperatingMode)
 _NO_CURRENT = _ALL_MODES - {OperatingMode.CURRENT, OperatingMode.CURRENT_BASED_POSITION}
@@ -203,6 +203,7 @@ def _x430_without_current(
     velocity: int,
     temperature: int,
     voltages: tuple[int, int, int, int],
+    velocity_gains: tuple[int, int],
     position_gains: tuple[int, int, int],
     torque: float,
     current: float,
@@ -215,9 +216,10 @@ def _x430_without_current(
         temperature_limit=temperature,
         voltage_limits=voltages,
         shutdown=52,
-        velocity_gains=(1000, 100),
+        velocity_gains=velocity_gains,
         position_gains=position_gains,
         drive_mode_max=13,
+        moving_threshold=20 if name.startswith("XC") else 10,
         indirect=_INDIRECT,
         more_indirect=_MORE_INDIRECT,
     )
@@ -278,13 +280,15 @@ def _with_current(
 
 _V12 = (95, 160, 95, 160)
 _V24 = (110, 300, 110, 300)
+_XL430 = ((60, 140, 60, 140), (1000, 100), (4000, 0, 640))  # voltages, velocity and position gains
+_XC430 = ((60, 160, 60, 160), (1920, 100), (0, 0, 460))
 
 MODELS: tuple[ServoModel, ...] = (
     _xl330("XL330-M077", 1190, 1620, 0.215, 1.47, 383.0),
     _xl330("XL330-M288", 1200, 445, 0.52, 1.47, 103.0),
-    _x430_without_current("XL430-W250", 1060, 265, 72, (60, 140, 60, 140), (4000, 0, 640), 1.4, 1.3, 57.0),
-    _x430_without_current("XC430-W150", 1070, 460, 70, (60, 150, 60, 150), (0, 0, 800), 1.6, 1.4, 106.0),
-    _x430_without_current("XC430-W240", 1080, 306, 70, (60, 150, 60, 150), (0, 0, 800), 1.9, 1.4, 70.0),
+    _x430_without_current("XL430-W250", 1060, 265, 72, *_XL430, 1.4, 1.3, 57.0),
+    _x430_without_current("XC430-W150", 1070, 460, 80, *_XC430, 1.6, 1.4, 106.0),
+    _x430_without_current("XC430-W240", 1080, 306, 80, *_XC430, 1.9, 1.4, 70.0),
     _with_current("XM430-W350", 1020, (1193, 1193), 200, _V12, 12.0, 4.1, 2.3, 46.0),
     _with_current("XM430-W210", 1030, (1193, 1193), 330, _V12, 12.0, 3.0, 2.3, 77.0),
     _with_current("XH540-W270", 1100, (2047, 2047), 167, _V12, 12.0, 9.9, 4.9, 39.0, external_ports=True),

@@ -96,16 +96,25 @@ class Register:
 
 @dataclass(frozen=True, slots=True)
 class IndirectBlock:
-    """Registers that can be pointed anywhere, so that scattered registers are read as one block."""
+    """Registers that can be pointed anywhere, so that scattered registers are read as one block.
+
+    Attributes
+    ----------
+    first_address, first_data, count
+        Of the pointers, of the bytes that they show, and how many there are.
+    last
+        Farthest address that they can point at.
+    """
 
     first_address: int
     first_data: int
     count: int
+    last: int
 
     def pointer(self, k: int) -> Register:
         """Register that holds the address which byte k of the block shows."""
         default = self.first_data + k
-        return Register(f"indirect_address_{k + 1}", self.first_address + 2 * k, 2, default, EEPROM_END, 661)
+        return Register(f"indirect_address_{k + 1}", self.first_address + 2 * k, 2, default, EEPROM_END, self.last)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,6 +144,7 @@ class ControlTable:
     external_port_mode_1: Register | None
     external_port_mode_2: Register | None
     external_port_mode_3: Register | None
+    startup_configuration: Register
     shutdown: Register
     torque_enable: Register
     led: Register

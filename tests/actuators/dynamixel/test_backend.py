@@ -99,6 +99,13 @@ def test_settings_that_torque_locks_are_not_forced(tmp_path: Path) -> None:
         np.testing.assert_allclose([setup.virtual.truth()[i].shaft_rad for i in (1, 2, 3)], goal, atol=0.01)
 
 
+def test_a_servo_that_takes_torque_by_itself_is_not_driven(tmp_path: Path) -> None:
+    with servos(tmp_path) as setup:
+        setup.virtual.set_register(2, "startup_configuration", 1)
+        with pytest.raises(CommandRefused, match=r"servo_c2 .*startup_configuration is 1"):
+            setup.bus.connect()
+
+
 def test_a_lost_and_a_spoilt_answer_do_not_end_the_start(tmp_path: Path) -> None:
     with servos(tmp_path) as setup:
         for i in (1, 2, 3):
