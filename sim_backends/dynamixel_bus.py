@@ -91,6 +91,7 @@ def _load_spec(path: Path) -> BusSpec:
 @click.option("--control", type=click.Path(path_type=Path), help="Control socket.  [default: LINK.control]")
 @click.option("--wire-timing/--no-wire-timing", default=None, help="Whether answers take their time.  [default: yes]")
 @click.option("--usb-latency-ms", type=float, help="Of the adapter.  [default: 1]")
+@click.option("--seed", type=int, help="Of the noise in readings.  [default: 0]")
 def main(
     servos: tuple[str, ...],
     rig: Path | None,
@@ -103,6 +104,7 @@ def main(
     control: Path | None,
     wire_timing: bool | None,
     usb_latency_ms: float | None,
+    seed: int | None,
 ) -> None:
     """Simulated Dynamixel X-series servos behind a pty, until Ctrl-C.
 
@@ -117,6 +119,8 @@ def main(
             made = replace(made, wire_timing=wire_timing)
         if usb_latency_ms is not None:
             made = replace(made, usb_latency_s=1e-3 * usb_latency_ms)
+        if seed is not None:
+            made = replace(made, seed=seed)
         process = Process(made, link, control or link.with_name(f"{link.name}.control"))
         process.run(lambda line: click.echo(line))
     except OriDeployError as wrong:

@@ -299,10 +299,11 @@ def _judge_firmware(state: ServoState, *, watchdog: bool) -> Finding:
             f"{WATCHDOG_FIRMWARE} or newer",
             "update it with DYNAMIXEL Wizard" + (", or set watchdog_s = 0 in the rig" if watchdog else ""),
         )  # fmt: skip
-    if found < FAST_SYNC_READ_FIRMWARE:
+    fast = FAST_SYNC_READ_FIRMWARE if state.pong.model is None else state.pong.model.fast_sync_read_firmware
+    if found < fast:
         return Finding(
             check, _about(state), "warning", f"{found}, without fast sync read",
-            f"{FAST_SYNC_READ_FIRMWARE} or newer", "update it with DYNAMIXEL Wizard, for a faster loop",
+            f"{fast} or newer", "update it with DYNAMIXEL Wizard, for a faster loop",
         )  # fmt: skip
     return Finding(check, _about(state), "ok", str(found))
 

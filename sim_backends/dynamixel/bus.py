@@ -7,17 +7,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ori_deploy.wire.dynamixel import BAUD_CODES
-from ori_deploy.wire.dynamixel.models import FAST_SYNC_READ_FIRMWARE
 from sim_backends.dynamixel.motors import STEP_S, Motors
 from sim_backends.dynamixel.packets import BROADCAST, HEADER, STATUS, Instruction, crc16, status
 from sim_backends.dynamixel.servo import CRC, INSTRUCTION, Refusal, Servo
 from sim_backends.dynamixel.spec import BusSpec
 
+PING_SLOT_S = 300e-6
+"""What a time slot of a broadcast ping has beside the bytes of an answer; each id has its own."""
+
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 1, 2, 3, 4, 5, 6, 8, 0x10
-SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ, BULK_WRITE = 0x82, 0x83, 0x8A, 0x92, 0x93
-READS = frozenset({READ, SYNC_READ, FAST_SYNC_READ, BULK_READ})
+SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A
+READS = frozenset({READ, SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ})
 CLEAR_TURNS = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 FIRST_CLEAR_FIRMWARE = 42
+CAREFUL_RESET_FIRMWARE = 42
+"""From here on a servo does not reset everything because of a broadcast."""
 
 COUNTED = frozenset({"drop", "corrupt", "truncate", "delay"})
 MEASURED = frozenset({"cut_bytes", "delay_s"})
@@ -171,17 +175,27 @@ class Bus:
         if instruction.code in (SYNC_READ, BULK_READ):
             asked = _sync_asked(parameters) if instruction.code == SYNC_READ else _bulk_asked(parameters)
             return self._chain(asked, meant, baud)
-        if instruction.code == FAST_SYNC_READ:
-            return self._fast_chain(parameters, meant, baud)
-        if instruction.code == PING:
-            meant = sorted(meant, key=lambda servo: servo.id)
+        if instruction.code in (FAST_SYNC_READ, FAST_BULK_READ):
+            asked = _sync_asked(parameters) if instruction.code == FAST_SYNC_READ else _bulk_asked(parameters)
+            return self._fast_chain(list(asked), meant, baud)
+        if instruction.code == PING and instruction.target == BROADCAST:
+            return self._roll_call(meant, instruction, baud, now)
         said = []
         for servo in meant:
             frame = self._single(servo, instruction, now)
-            silent = instruction.target == BROADCAST and instruction.code != PING
-            if frame and not silent:
+            if frame and instruction.target != BROADCAST:
                 said.append(_Said(servo, frame))
         return self._answer(said, baud)
+
+    def _roll_call(self, meant: Sequence[Servo], instruction: Instruction, baud: int, now: float) -> Answer:
+        """Answers to a broadcast ping, by id: whoever is there waits for the slots of all that could be before."""
+        present = sorted((s for s in meant if not self._fault(s).mute), key=lambda servo: servo.id)
+        said = [_Said(servo, self._single(servo, instruction, now)) for servo in present]
+        answer = self._answer(said, baud)
+        if said:
+            slot_s = PING_SLOT_S + 10.0 * len(said[-1].frame) / baud
+            answer.wire_s = max(answer.wire_s, slot_s * (said[-1].servo.id + 1))
+        return answer
 
     def _single(self, servo: Servo, instruction: Instruction, now: float) -> bytes:
         """Carry one instruction out, and its status packet; empty where the return level forbids one."""
@@ -220,7 +234,8 @@ class Bus:
             return b""
         if instruction.code == FACTORY_RESET and parameters[:1] in (b"\xff", b"\x01", b"\x02"):
             option = parameters[0]
-            if option == 0xFF and instruction.target == BROADCAST:
+            careful = servo.spec.firmware >= CAREFUL_RESET_FIRMWARE
+            if option == 0xFF and instruction.target == BROADCAST and careful:
                 raise Refusal(INSTRUCTION)
             self._after.append(lambda: servo.factory_reset(keep_id=option != 0xFF, keep_baud=option == 0x02))
             return b""
@@ -252,10 +267,10 @@ class Bus:
 
     def _chain(self, asked: Iterator[tuple[int, int, int]], meant: Sequence[Servo], baud: int) -> Answer:
         """Status packets one after the other, as asked."""
-        by_id = _by_id(meant)
+        by_id = _by_id([s for s in meant if not self._fault(s).mute and _speaks(s, SYNC_READ)])
         said: list[_Said] = []
         for servo_id, address, size in asked:
-            there = [s for s in by_id[servo_id] if not self._fault(s).mute and _speaks(s, SYNC_READ)]
+            there = by_id[servo_id]
             if not there and not self.spec.followers_answer:
                 break
             for servo in there:
@@ -263,29 +278,28 @@ class Bus:
                     said.append(_Said(servo, status(servo_id, servo.error_byte, servo.read(address, size))))
                 except Refusal as refusal:
                     said.append(_Said(servo, self._status(servo, refusal.code)))
-        return self._answer(said, baud)
+        return self._answer(said, baud, linked=not self.spec.followers_answer)
 
-    def _fast_chain(self, parameters: bytes, meant: Sequence[Servo], baud: int) -> Answer:
+    def _fast_chain(self, asked: Sequence[tuple[int, int, int]], meant: Sequence[Servo], baud: int) -> Answer:
         """One packet to which every servo adds its block; whoever is missing ends it."""
-        address, size, ids = _word(parameters), _word(parameters[2:]), parameters[4:]
-        data = HEADER + bytes((BROADCAST,)) + (1 + len(ids) * (size + 4)).to_bytes(2, "little") + bytes((STATUS,))
-        able = _by_id([s for s in meant if s.spec.firmware >= FAST_SYNC_READ_FIRMWARE and _speaks(s, FAST_SYNC_READ)])
-        sent, heard = b"", data
-        pause = 0.0
-        for servo_id in ids:
+        length = 1 + sum(size + 4 for _, _, size in asked)
+        data = HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
+        able = _by_id([s for s in meant if _reads_fast(s) and _speaks(s, FAST_SYNC_READ)])
+        sent, crc, pause = b"", crc16(data), 0.0
+        for servo_id, address, size in asked:
             there = [s for s in able[servo_id] if not (self._fault(s).mute or self._fault(s).use("drop"))]
             if not there:
                 break
             pause = pause or self.spec.turnaround_s + there[0].return_delay_s
-            blocks = [_block(servo, servo_id, address, size, heard) for servo in there]
+            blocks = [_block(servo, servo_id, address, size, crc) for servo in there]
             pause += sum(self._fault(servo).delay_s for servo in there if self._fault(servo).use("delay"))
             start = b"" if sent else data
             sent += _collide([self._spoil(s, start + block, at=-4) for s, block in zip(there, blocks, strict=True)])
-            heard += _collide(blocks)
+            crc = crc16(_collide(blocks), crc)
         return Answer(bytearray(self._take_noise()) + sent, pause + 10.0 * len(sent) / baud)
 
-    def _answer(self, said: Sequence[_Said], baud: int) -> Answer:
-        """Frames on the wire, in order; those of one id collide."""
+    def _answer(self, said: Sequence[_Said], baud: int, *, linked: bool = False) -> Answer:
+        """Frames on the wire, in order; those of one id collide. Linked, all are silent after one that is."""
         answer = Answer(bytearray(self._take_noise()))
         k = 0
         while k < len(said):
@@ -305,6 +319,8 @@ class Bus:
             if frame:
                 answer.data += frame
                 answer.wire_s += pause + 10.0 * len(frame) / baud
+            elif linked:
+                break
             k += len(same)
         return answer
 
@@ -344,13 +360,17 @@ def _speaks(servo: Servo, code: int) -> bool:
     return code == PING or level >= 2 or (level == 1 and code in READS)
 
 
-def _block(servo: Servo, servo_id: int, address: int, size: int, before: bytes) -> bytes:
-    """A servo's part of a fast answer; its CRC goes over everything `before`, too."""
+def _reads_fast(servo: Servo) -> bool:
+    return servo.spec.firmware >= servo.model.fast_sync_read_firmware
+
+
+def _block(servo: Servo, servo_id: int, address: int, size: int, crc: int) -> bytes:
+    """A servo's part of a fast answer; its CRC is carried on from that of everything before."""
     try:
         block = bytes((servo.error_byte, servo_id)) + servo.read(address, size)
     except Refusal as refusal:
         block = bytes((servo.error_byte | refusal.code, servo_id)) + bytes(size)
-    return block + crc16(before + block).to_bytes(2, "little")
+    return block + crc16(block, crc).to_bytes(2, "little")
 
 
 def _by_id(servos: Sequence[Servo]) -> Mapping[int, Sequence[Servo]]:
@@ -385,8 +405,10 @@ def truth(bus: Bus) -> list[Mapping[str, float | int | bool]]:
             "output_rad": float(motors.output_rad[k]),
             "velocity_rad_s": float(motors.velocity_rad_s[k]),
             "goal_rad": float(motors.goal_rad[k]),
+            "goal_count": servo.get(servo.table.goal_position),
             "torque_on": bool(motors.torque_on[k]),
             "frozen": bool(motors.frozen[k]),
+            "watchdog": servo.get(servo.table.bus_watchdog),
             "temperature_c": float(motors.temperature_c[k]),
             "current_a": float(motors.current_a[k]),
             "hardware_error": servo.get(servo.table.hardware_error_status),

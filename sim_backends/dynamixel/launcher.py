@@ -32,8 +32,8 @@ class Truth:
 
     Attributes
     ----------
-    frozen
-        Its watchdog has stopped it.
+    frozen, watchdog
+        Its watchdog has stopped it; the register.
     moved_s
         When it last turned, on CLOCK_MONOTONIC.
     """
@@ -43,8 +43,10 @@ class Truth:
     output_rad: float
     velocity_rad_s: float
     goal_rad: float
+    goal_count: int
     torque_on: bool
     frozen: bool
+    watchdog: int
     temperature_c: float
     current_a: float
     hardware_error: int
@@ -132,8 +134,12 @@ class VirtualBus:
         return {entry["id"]: Truth(**entry) for entry in self._ask(do="truth")}
 
     def account(self) -> Account:
-        """What has gone over the wire since the start."""
+        """What has gone over the wire since the start, or since `reset_account`."""
         return Account(**self._ask(do="account"))
+
+    def reset_account(self) -> None:
+        """Begin the account anew."""
+        self._ask(do="reset_account")
 
     def register(self, servo_id: int, name: str) -> int:
         """A register as it stands."""

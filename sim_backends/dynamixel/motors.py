@@ -51,6 +51,8 @@ class Motors:
         Blocked where it stands.
     moved_s
         When it last moved, on the bus's clock.
+    now
+        Time of the last step.
     """
 
     def __init__(self, spec: BusSpec) -> None:
@@ -85,6 +87,9 @@ class Motors:
         self.temperature_c = np.full(n, spec.ambient_c)
         self.strained_s = np.zeros(n)
         self.sag_v = 0.0
+        self.now = 0.0
+        self._noise_counts = [servo.noise_counts for servo in servos]
+        self._random = np.random.default_rng(spec.seed)
         self.moved_s = np.full(n, -np.inf)
         self._way_rad = self.shaft_rad.copy()  # of the profile generator
         self._way_rad_s = np.zeros(n)
@@ -94,6 +99,15 @@ class Motors:
         """Voltage at every servo."""
         volts: FloatArray = np.maximum(0.0, self._supply_v - self.sag_v - self._supply_ohm * self.current_a.sum())
         return volts
+
+    def trajectory(self, k: int) -> tuple[float, float]:
+        """Where a profile generator is, and how fast."""
+        return float(self._way_rad[k]), float(self._way_rad_s[k])
+
+    def noise(self, k: int) -> float:
+        """What an encoder adds to the next reading, in counts."""
+        spread = self._noise_counts[k]
+        return float(self._random.normal(0.0, spread)) if spread else 0.0
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -113,6 +127,7 @@ class Motors:
 
     def step(self, now: float) -> None:
         """Advance by `STEP_S`, to `now`."""
+        self.now = now
         self._profile()
         spare = np.clip(1.0 - self._load_nm / self.stall_nm, 0.0, 1.0)
         speed = self._no_load * spare * (self.supply_v / self._nominal_v)
@@ -139,9 +154,10 @@ class Motors:
         left = goal - self._way_rad
         instant = np.isinf(self.profile_rad_s)
         change = self.profile_rad_s2 * STEP_S
-        away = 2.0 * np.abs(left)
-        with np.errstate(invalid="ignore"):  # the fastest that whole steps of braking can still bring to rest there
-            braking = away / STEP_S / (0.5 + np.sqrt(0.25 + away / (change * STEP_S)))
+        away = np.abs(left) / STEP_S
+        with np.errstate(invalid="ignore"):  # the fastest from which whole steps of braking end exactly there
+            steps = np.maximum(1.0, np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * away / change) - 1.0)))
+            braking = away / steps + 0.5 * (steps - 1.0) * change
         top = np.minimum(self.profile_rad_s, np.where(np.isinf(change), np.inf, braking))
         with np.errstate(invalid="ignore"):
             target = np.where(instant, 0.0, np.sign(left) * np.where(np.isinf(top), 0.0, top))
@@ -149,7 +165,7 @@ class Motors:
         step = rate * STEP_S
         there = instant | (np.abs(step) >= np.abs(left)) & (step * left >= 0.0) & (np.abs(rate) <= 1.01 * change)
         self._way_rad = np.where(there, goal, self._way_rad + step)
-        self._way_rad_s = np.where(there, 0.0, rate)
+        self._way_rad_s = np.where(instant, 0.0, np.where(there, left / STEP_S, rate))  # at rest a step later
         limp = ~self.torque_on
         self._way_rad[limp] = self.shaft_rad[limp]
         self._way_rad_s[limp] = 0.0

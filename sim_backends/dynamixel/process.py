@@ -43,7 +43,7 @@ class Process:
         self._selector = selectors.DefaultSelector()
         self._line_free = 0.0
         self._ended = False
-        self._account = {"wire_s": 0.0, "reads": 0, "received": 0, "sent": 0, "late_s": 0.0}
+        self._account = _blank_account()
 
     def run(self, ready: Callable[[str], None]) -> None:
         """Serve until SIGINT or SIGTERM; `ready` gets a line that says where."""
@@ -61,7 +61,10 @@ class Process:
                 f"{spec.baud} baud; control {self._control}"
             )
             while not self._ended:
-                for key, _ in self._selector.select(IDLE_S):
+                events = self._selector.select(IDLE_S)
+                if not events:
+                    self._listener.clear()  # so long a gap within a packet ends it; a servo takes 1.5 ms
+                for key, _ in events:
                     key.data(key.fileobj)
                 self._bus.advance(time.monotonic())
         finally:
@@ -159,6 +162,7 @@ class Process:
         commands: dict[str, Callable[..., Any]] = {
             "truth": lambda: truth(self._bus),
             "account": lambda: dict(self._account),
+            "reset_account": lambda: self._account.update(_blank_account()),
             "unplug": self._pull_out,
             "replug": self._put_in,
             "noise": self._noise,
@@ -215,6 +219,10 @@ class Process:
 
     def _noise(self, data: str) -> None:
         self._bus.noise += bytes.fromhex(data)
+
+
+def _blank_account() -> dict[str, float]:
+    return {"wire_s": 0.0, "reads": 0, "received": 0, "sent": 0, "late_s": 0.0}
 
 
 def _number(value: float) -> float:

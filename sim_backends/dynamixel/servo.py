@@ -6,6 +6,7 @@ Source: e-manual, control tables of the X series, and Protocol 2.0, table "Error
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import floor, inf, pi
 from struct import pack_into
 
@@ -22,7 +23,7 @@ from ori_deploy.wire.dynamixel.registers import (
     WATCHDOG_UNIT_S,
     IndirectBlock,
 )
-from sim_backends.dynamixel.motors import MOVING_RAD_S, OVERLOAD_AFTER_S, Motors
+from sim_backends.dynamixel.motors import OVERLOAD_AFTER_S, Motors
 from sim_backends.dynamixel.spec import ServoSpec
 
 RESULT_FAIL, INSTRUCTION, CRC, DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = range(1, 8)
@@ -37,6 +38,13 @@ FARTHEST_COUNT = 1_048_575
 
 BOOT_S = 0.25
 _MULTI_TURN = (OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION)
+_FORGETTING = (OperatingMode.POSITION, OperatingMode.EXTENDED_POSITION)
+"""Modes whose choice puts the position back into one turn."""
+
+IN_POSITION, PROFILE_ONGOING, NOT_FOLLOWING, RECTANGLE, TRAPEZOID = 0x01, 0x02, 0x08, 0x10, 0x30
+"""Bits of Moving Status (123)."""
+
+IN_POSITION_RAD, NOT_FOLLOWING_RAD = 0.01, 0.1
 
 
 class Refusal(Exception):
@@ -73,13 +81,14 @@ class Servo:
 
     def __init__(self, spec: ServoSpec, baud: int, motors: Motors, k: int) -> None:
         self.spec = spec
-        self.model = model_named(spec.model)
+        self.model = model_named(spec.model).at_firmware(spec.firmware)
         self.table = self.model.table
         self._motors, self.k = motors, k
         self._end = max(block.first_data + block.count for block in self._blocks())
         self._memory = bytearray(self._end)
         self._registers = [register for register in self.table if register.size]
-        self._pointers = [block.pointer(i) for block in self._blocks() for i in range(block.count)]
+        pointers = [block.pointer(i) for block in self._blocks() for i in range(block.count)]
+        self._pointers = [replace(pointer, maximum=self._end - 1) for pointer in pointers]
         self._by_byte = {a: r for r in (*self._registers, *self._pointers) for a in range(r.address, r.end)}
         self._data = {a: Register("indirect_data", a, 1, 0, 0, 255) for a in self._data_addresses()}
         self._goal_addresses = frozenset(register.address for register in self._goals())
@@ -125,8 +134,7 @@ class Servo:
 
     def named(self, name: str) -> int:
         """Value by the register's name, up to date. Raises `KeyError` for a name that there is not."""
-        self._measure()
-        self._measure_supply()
+        self._measure_all()
         return self.get(self.table.named(name))
 
     def put(self, register: Register, value: int) -> None:
@@ -143,12 +151,10 @@ class Servo:
         """
         if size == 0 or address + size > self._end:
             raise Refusal(ACCESS)
-        self._measure()
-        if address + size <= self.table.indirect.first_data:
-            if address + size > self.table.present_input_voltage.address:
-                self._measure_supply()
+        if self.table.effort.address <= address and address + size <= self.table.velocity_trajectory.address:
+            self._measure()  # what is read in every cycle has to be quick
             return bytes(self._memory[address : address + size])
-        self._measure_supply()
+        self._measure_all()
         return bytes(self._memory[self._target(a)] for a in range(address, address + size))
 
     def write(self, address: int, data: bytes) -> None:
@@ -243,22 +249,37 @@ class Servo:
     def _apply(self, register: Register, value: int) -> None:
         table, motors, k = self.table, self._motors, self.k
         if register is table.torque_enable and value and not motors.torque_on[k]:
-            motors.hold(k)
-            if self.mode is OperatingMode.POSITION:
-                self._forget_turns()
+            self._take_hold()
+        changes = value != self.get(register)
         self.put(register, value)
         if register is table.goal_position:
             motors.goal_rad[k] = self.rad_of(value)
             return
         if register is table.operating_mode:
-            if value == OperatingMode.POSITION:
-                self._forget_turns()
-            self._reset_goals()
+            self._change_mode(forget=changes and self.mode in _FORGETTING)
         elif register is table.bus_watchdog:
             self._thaw()
         elif register is table.homing_offset:
             self.put(table.goal_position, self.count)
         self._drive()
+
+    def _take_hold(self) -> None:
+        """Torque goes on: from where it stands it will go to whatever goal there is."""
+        self._motors.hold(self.k)
+        if self.mode is OperatingMode.POSITION:
+            self._forget_turns()
+        if self.spec.goal_follows_on_torque:
+            self.put(self.table.goal_position, self.count)
+
+    def _change_mode(self, *, forget: bool) -> None:
+        if forget:
+            self._forget_turns()
+        table = self.table
+        gains = range(table.velocity_i_gain.address, table.feedforward_1st_gain.end)
+        for register in table:
+            if register.address in gains or register in (table.profile_velocity, table.profile_acceleration):
+                self.put(register, register.default)
+        self._reset_goals()
 
     def _reset_goals(self) -> None:
         table = self.table
@@ -273,7 +294,10 @@ class Servo:
     @property
     def count(self) -> int:
         """Present position."""
-        raw = round(float(self._motors.shaft_rad[self.k]) / RAD_PER_COUNT)
+        return self._count_of(float(self._motors.shaft_rad[self.k]))
+
+    def _count_of(self, rad: float) -> int:
+        raw = round(rad / RAD_PER_COUNT)
         return raw + CENTRE_COUNT - COUNTS_PER_TURN * self._turns + self.get(self.table.homing_offset)
 
     def rad_of(self, count: int) -> float:
@@ -305,17 +329,47 @@ class Servo:
         return min(1.0, part, pwm / (table.pwm_limit.maximum or 1))
 
     def _measure(self) -> None:
-        """Bring effort, velocity and position up to date: 126 to 135, and whether it moves: 122."""
+        """Bring effort, velocity and position up to date: 126 to 135."""
         motors, k = self._motors, self.k
         sense = -1 if motors.goal_rad[k] < motors.shaft_rad[k] else 1
         if self.model.current_unit_a is not None:
             effort = round(float(motors.current_a[k]) / self.model.current_unit_a)
         else:
             effort = round(float(motors.torque_nm[k] / motors.stall_nm[k]) / LOAD_UNIT)
-        velocity = float(motors.velocity_rad_s[k])
-        units = round(velocity / (VELOCITY_UNIT_RPM * RPM))
-        pack_into("<hii", self._memory, self.table.effort.address, sense * min(32767, effort), units, self.count)
-        self._memory[self.table.moving.address] = abs(velocity) > MOVING_RAD_S
+        units = round(float(motors.velocity_rad_s[k]) / (VELOCITY_UNIT_RPM * RPM))
+        seen = self.count + round(motors.noise(k))
+        pack_into("<hii", self._memory, self.table.effort.address, sense * min(32767, effort), units, seen)
+
+    def _measure_all(self) -> None:
+        self._measure()
+        self._measure_motion()
+        self._measure_supply()
+
+    def _under_way(self) -> bool:
+        motors, k = self._motors, self.k
+        return bool(motors.torque_on[k] and not motors.frozen[k] and motors.trajectory(k)[0] != motors.goal_rad[k])
+
+    def _moves(self) -> bool:
+        """What Moving (122) says: a profile goes on, or the shaft turns faster than the threshold."""
+        units = abs(float(self._motors.velocity_rad_s[self.k])) / (VELOCITY_UNIT_RPM * RPM)
+        return self._under_way() or units > self.get(self.table.moving_threshold)
+
+    def _measure_motion(self) -> None:
+        """Bring clock, motion, output and trajectory up to date: 120 to 125, and 136 to 143."""
+        table, motors, k = self.table, self._motors, self.k
+        way, speed = motors.trajectory(k)
+        state = PROFILE_ONGOING if self._under_way() else 0
+        if self.get(table.profile_velocity):
+            state |= TRAPEZOID if self.get(table.profile_acceleration) else RECTANGLE
+        if abs(motors.goal_rad[k] - motors.shaft_rad[k]) < IN_POSITION_RAD:
+            state |= IN_POSITION
+        if motors.torque_on[k] and abs(way - motors.shaft_rad[k]) > NOT_FOLLOWING_RAD:
+            state |= NOT_FOLLOWING
+        pwm = round((table.pwm_limit.maximum or 0) * float(motors.torque_nm[k] / motors.stall_nm[k]))
+        tick = int(1e3 * motors.now) % 32768
+        pack_into("<HBBh", self._memory, table.realtime_tick.address, tick, self._moves(), state, pwm)
+        units = round(speed / (VELOCITY_UNIT_RPM * RPM))
+        pack_into("<ii", self._memory, table.velocity_trajectory.address, units, self._count_of(way))
 
     def _measure_supply(self) -> None:
         """Bring voltage and temperature up to date: 144 to 146."""
@@ -361,6 +415,10 @@ class Servo:
     def trip(self) -> None:
         """Stop where it is."""
         self.put(self.table.bus_watchdog, WATCHDOG_TRIPPED)
+        if self.spec.trip_clears_profile:
+            self.put(self.table.profile_velocity, 0)
+            self.put(self.table.profile_acceleration, 0)
+            self._drive()
         self._motors.frozen[self.k] = True
         self._motors.hold(self.k)
 
@@ -394,7 +452,7 @@ class Servo:
 
     def clear_turns(self) -> None:
         """Count from the first turn again. Refused while it moves."""
-        if self._motors.moving[self.k]:
+        if self._moves():
             raise Refusal(RESULT_FAIL)
         self._forget_turns()
         self.put(self.table.goal_position, self.count)

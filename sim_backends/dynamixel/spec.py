@@ -31,6 +31,12 @@ class ServoSpec:
         Free play between shaft and crease.
     lower_stop_rad, upper_stop_rad
         Ends of its crease's travel, as shaft positions; None for none.
+    noise_counts
+        Standard deviation of its position readings.
+    goal_follows_on_torque
+        Whether its goal becomes its position when torque goes on. A servo that keeps an old goal is the worse case.
+    trip_clears_profile
+        Whether a watchdog that trips also writes 0 to the profile registers. The e-manual can be read either way.
     """
 
     id: int
@@ -43,6 +49,9 @@ class ServoSpec:
     backlash_rad: float = 0.0
     lower_stop_rad: float | None = None
     upper_stop_rad: float | None = None
+    noise_counts: float = 0.0
+    goal_follows_on_torque: bool = False
+    trip_clears_profile: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.id <= 252:
@@ -125,6 +134,8 @@ class BusSpec:
         Without load, for all; None for as many supplies as there are nominal voltages.
     supply_ohm, ambient_c
         Inner resistance of the supply, and the surroundings.
+    seed
+        Of the noise in readings.
     """
 
     servos: tuple[ServoSpec, ...]
@@ -137,6 +148,7 @@ class BusSpec:
     supply_v: float | None = None
     supply_ohm: float = 0.02
     ambient_c: float = 23.0
+    seed: int = 0
 
     def __post_init__(self) -> None:
         if not self.servos:

@@ -16,6 +16,8 @@ from ori_deploy.cli.bus import bus as group
 from sim_backends.dynamixel_bus import ServoSpec, VirtualBus
 from tests.cli.virtual import Running, bus_command, command, document, is_one_line, virtual_bus
 
+pytestmark = pytest.mark.slow  # servos and their answers take real time
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 XM = "XM430-W350"
 XL = "XL430-W250"
@@ -30,7 +32,6 @@ def hold(bus: VirtualBus, servo_id: int) -> None:
 # -- who is there --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_scan_tells_ids_models_firmware_alerts_and_every_rate(tmp_path: Path) -> None:
     servos = (ServoSpec(id=1, model=XM), ServoSpec(id=7, model=XL, firmware=40, baud=57_600))
     with virtual_bus(tmp_path, *servos) as bus:
@@ -47,7 +48,6 @@ def test_scan_tells_ids_models_firmware_alerts_and_every_rate(tmp_path: Path) ->
     assert f"7   57600  {XL}" in shown.stdout
 
 
-@pytest.mark.slow
 def test_scan_says_where_two_servos_share_an_id(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1), ServoSpec(id=4), ServoSpec(id=4, model=XL)) as bus:
         told = document(bus_command("scan", bus, "--json"))
@@ -373,7 +373,6 @@ def test_a_jammed_servo_is_given_up_stopped_and_let_go_of(tmp_path: Path) -> Non
         assert bus.register(1, "bus_watchdog") == 0
 
 
-@pytest.mark.slow
 def test_a_jammed_servo_that_held_before_holds_where_it_is(tmp_path: Path) -> None:
     """Freed afterwards, it does not jump to where it was to go."""
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
@@ -399,7 +398,6 @@ def test_ctrl_c_stops_a_jog_where_it_is(tmp_path: Path) -> None:
         assert bus.register(1, "bus_watchdog") == 0
 
 
-@pytest.mark.slow
 def test_a_jog_whose_program_is_killed_is_stopped_by_the_watchdog(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
         words = ("bus", "jog", 1, "--by", 80, "--speed", 8, "--port", bus.link, "--baud", 1_000_000)
@@ -412,7 +410,6 @@ def test_a_jog_whose_program_is_killed_is_stopped_by_the_watchdog(tmp_path: Path
         assert again.exit_code == 0, again.output
 
 
-@pytest.mark.slow
 def test_a_servo_that_falls_silent_on_its_way_is_told_and_does_not_go_on(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
         words = ("bus", "jog", 1, "--by", 80, "--speed", 8, "--port", bus.link, "--baud", 1_000_000)

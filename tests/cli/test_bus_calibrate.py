@@ -22,6 +22,8 @@ from sim_backends.dynamixel.from_rig import spec_from_rig
 from sim_backends.dynamixel_bus import VirtualBus
 from tests.cli.virtual import Running, command, document, is_one_line
 
+pytestmark = pytest.mark.slow  # servos and their answers take real time
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RIG = EXAMPLES / "rig_wing_dynamixel.toml"
 OFF_RAD = 0.02
@@ -116,7 +118,6 @@ def test_a_held_pose_gives_the_zeros_and_changes_nothing_else_in_the_file(
     assert (tmp_path / "rig.toml.bak").read_text() == before
 
 
-@pytest.mark.slow
 def test_backups_are_numbered_and_never_overwritten(wing: Wing, tmp_path: Path) -> None:
     rig = wrong_rig(tmp_path)
     (tmp_path / "rig.toml.bak").write_text("mine")
@@ -127,7 +128,6 @@ def test_backups_are_numbered_and_never_overwritten(wing: Wing, tmp_path: Path) 
     assert [Path(name).name for name in (first, second)] == ["rig.toml.bak.1", "rig.toml.bak.2"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("end", "row"), [("closing", 0), ("opening", -1)])
 def test_stops_give_the_zeros_and_the_servos_are_left_limp_off_the_stop_and_as_they_were(
     wing: Wing, tmp_path: Path, end: str, row: int
@@ -248,7 +248,6 @@ def test_more_current_than_the_servo_is_set_to_is_refused(wing: Wing, tmp_path: 
     assert untouched(rig, before)
 
 
-@pytest.mark.slow
 def test_a_structure_that_is_shaken_while_it_is_held_gives_no_zero(wing: Wing, tmp_path: Path) -> None:
     rig = wrong_rig(tmp_path)
     before = rig.read_text()
@@ -265,7 +264,6 @@ def test_a_structure_that_is_shaken_while_it_is_held_gives_no_zero(wing: Wing, t
     assert untouched(rig, before)
 
 
-@pytest.mark.slow
 def test_torque_that_is_on_is_asked_about_first(wing: Wing, tmp_path: Path) -> None:
     rig = wrong_rig(tmp_path)
     before = rig.read_text()
@@ -358,7 +356,6 @@ def test_template_hinges_get_entries_of_their_own(wing: Wing, tmp_path: Path) ->
     assert "# one for all" in text
 
 
-@pytest.mark.slow
 def test_servos_of_many_turns_get_the_turn_that_the_rig_means(wing: Wing, tmp_path: Path) -> None:
     """Nobody has vouched for their turns, so they say where they are but for whole ones."""
     rig = wrong_rig(tmp_path, 2.0 * np.pi + OFF_RAD)

@@ -19,6 +19,8 @@ from ori_deploy.wire.dynamixel import model_named
 from sim_backends.dynamixel_bus import ServoSpec, VirtualBus
 from tests.cli.virtual import Running, command, virtual_bus
 
+pytestmark = pytest.mark.slow  # servos and their answers take real time
+
 RIG = Path(__file__).parents[2] / "examples" / "rig_wing_dynamixel.toml"
 FOUR = tuple(ServoSpec(id=i) for i in (1, 2, 3, 4))
 
@@ -67,7 +69,6 @@ def set_up(bus: VirtualBus) -> None:
         bus.set_register(servo_id, "return_delay_time", 0)
 
 
-@pytest.mark.slow
 def test_a_good_bus_has_no_problem_and_nothing_is_written(tmp_path: Path) -> None:
     names = [register.name for register in model_named("xm430").table if register.writable]
     with virtual_bus(tmp_path, *FOUR) as bus:
@@ -85,7 +86,6 @@ def test_a_good_bus_has_no_problem_and_nothing_is_written(tmp_path: Path) -> Non
     }  # fmt: skip
 
 
-@pytest.mark.slow
 def test_warnings_alone_end_with_status_0_and_are_shown_once(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, *FOUR) as bus:
         shown = command("doctor", "--port", bus.link)
@@ -96,7 +96,6 @@ def test_warnings_alone_end_with_status_0_and_are_shown_once(tmp_path: Path) -> 
     assert "problems: 0, warnings: 4" in shown.stdout
 
 
-@pytest.mark.slow
 def test_two_servos_of_one_id_are_told_from_a_bad_cable(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, *FOUR, ServoSpec(id=3, start_rad=1.0)) as bus:
         found = findings(doctor(bus), "problem")
@@ -104,7 +103,6 @@ def test_two_servos_of_one_id_are_told_from_a_bad_cable(tmp_path: Path) -> None:
     assert "set-id 3" in the(found, "one servo per id")["remedy"]
 
 
-@pytest.mark.slow
 def test_a_lost_or_damaged_answer_is_no_missing_servo(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, *FOUR) as bus:
         set_up(bus)
@@ -114,7 +112,6 @@ def test_a_lost_or_damaged_answer_is_no_missing_servo(tmp_path: Path) -> None:
             assert not findings(doctor(bus, "--rig", rig), "problem")
 
 
-@pytest.mark.slow
 def test_servos_at_another_rate_are_found(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, *FOUR[:3], replace(FOUR[3], baud=57_600)) as bus:
         found = findings(doctor(bus, "--rig", rig_file(tmp_path)), "problem")
@@ -124,7 +121,6 @@ def test_servos_at_another_rate_are_found(tmp_path: Path) -> None:
     assert the(found, "servos are the rig's")["about"] == "servo_4 (id 4)"
 
 
-@pytest.mark.slow
 def test_servos_that_are_not_the_rigs_are_named(tmp_path: Path) -> None:
     servos = (FOUR[0], ServoSpec(id=2, model="XL430-W250"), FOUR[2], ServoSpec(id=9))
     with virtual_bus(tmp_path, *servos) as bus:
@@ -136,7 +132,6 @@ def test_servos_that_are_not_the_rigs_are_named(tmp_path: Path) -> None:
     assert ours["servo 9"]["status"] == "warning"
 
 
-@pytest.mark.slow
 def test_old_firmware_counts_for_what_the_rig_wants_of_it(tmp_path: Path) -> None:
     servos = (replace(FOUR[0], firmware=37), replace(FOUR[1], firmware=44), *FOUR[2:])
     with virtual_bus(tmp_path, *servos) as bus:
@@ -147,7 +142,6 @@ def test_old_firmware_counts_for_what_the_rig_wants_of_it(tmp_path: Path) -> Non
     assert "watchdog_s = 0" in rigged[0]["remedy"]
 
 
-@pytest.mark.slow
 def test_registers_errors_supply_and_heat_are_judged(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, *FOUR) as bus:
         set_up(bus)
@@ -171,7 +165,6 @@ def test_registers_errors_supply_and_heat_are_judged(tmp_path: Path) -> None:
     assert heat["servo 1"] == "ok"
 
 
-@pytest.mark.slow
 def test_a_rate_that_the_bus_cannot_follow_is_a_problem(tmp_path: Path) -> None:
     """With firmware that knows no fast read the loop takes longer than the rig reckons with."""
     with virtual_bus(tmp_path, *(replace(servo, firmware=44) for servo in FOUR)) as bus:
@@ -182,7 +175,6 @@ def test_a_rate_that_the_bus_cannot_follow_is_a_problem(tmp_path: Path) -> None:
     assert rate["limit"] == "rate_hz = 150"
 
 
-@pytest.mark.slow
 def test_servos_of_many_turns_that_restarted_are_a_warning(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, *FOUR) as bus:
         set_up(bus)

@@ -232,6 +232,7 @@ def test_switched_on_servos_of_several_turns_want_a_word_and_check_it(plan: Path
         np.testing.assert_allclose(shafts(bus), before, atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message", "status"),
     [

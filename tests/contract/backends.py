@@ -109,3 +109,6 @@ BACKENDS: Mapping[str, Factory] = {
         dynamixel, model="XL430-W250", firmware=41, pin_model="XL430-W250", baud=1_000_000, timing=True
     ),
 }
+
+SLOW = frozenset({"dynamixel-plain"})
+"""Backends whose turn comes with the slow tests."""

@@ -17,10 +17,10 @@ from ori_deploy.actuators.bus import (
     CorruptReply,
     HardwareError,
 )
-from tests.contract.backends import BACKENDS, STEP_RAD, N, Subject
+from tests.contract.backends import BACKENDS, SLOW, STEP_RAD, N, Subject
 
 
-@pytest.fixture(params=BACKENDS)
+@pytest.fixture(params=[pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in BACKENDS])
 def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]:
     with BACKENDS[request.param](tmp_path) as made:
         yield made

@@ -116,7 +116,8 @@ class DynamixelBus(ActuatorBus):
         source: str | None = None,
     ) -> None:
         super().__init__([servo.name for servo in wiring.hinges], latch_ids, position_limits_rad)
-        self._wiring, self._latches, self._clock = wiring, latches, clock
+        self._planned, self._latches, self._clock = wiring, latches, clock
+        self._wiring = wiring
         self._settings = wiring.settings
         self._rate_hz, self._travel_s, self._source = rate_hz, travel_s, source
         slack = self._settings.usb_latency_s + self._settings.reply_slack_s
@@ -225,7 +226,9 @@ class DynamixelBus(ActuatorBus):
             raise
 
     def _start(self) -> None:
-        pongs = find_servos(self._line, self._wiring)
+        pongs = find_servos(self._line, self._planned)
+        self._wiring = self._planned.as_found({servo_id: pong.firmware for servo_id, pong in pongs.items()})
+        self._health_groups = _by_address(self._wiring.hinges)
         self._fast = self._settings.fast_sync_read and fast_read_known(list(pongs.values()))
         latency = latency_timer_s(self._port.path)
         times = planned_times(self._wiring, usb_latency_s=latency)
@@ -364,9 +367,13 @@ class DynamixelBus(ActuatorBus):
     def _reset_errors(self) -> None:
         """Only a restart clears a servo's error; it comes back limp, with its RAM as new.
 
-        Servos that restarted by themselves get their settings back.
+        Servos that restarted by themselves, or whose watchdog tripped (it clears their profile), get their
+        settings back.
         """
+        tripped = [s for s in self._wiring.hinges if read(self._line, s.id, s.model.table.bus_watchdog) < 0]
         self._stop_watching()
+        for servo in tripped:
+            configure(self._line, servo, self._settings, 1.0)
         failed = list(restarted(self._line, self._wiring.hinges))
         rebooted = []
         for servo in self._wiring.hinges:

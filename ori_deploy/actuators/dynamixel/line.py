@@ -81,8 +81,9 @@ class Pong:
 
     @property
     def model(self) -> ServoModel | None:
-        """Its model, or None when this package does not drive it."""
-        return MODELS_BY_NUMBER.get(self.model_number)
+        """Its model with the registers of its firmware, or None when this package does not drive it."""
+        model = MODELS_BY_NUMBER.get(self.model_number)
+        return None if model is None else model.at_firmware(self.firmware)
 
 
 @dataclass(frozen=True, slots=True)

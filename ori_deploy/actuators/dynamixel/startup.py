@@ -13,7 +13,7 @@ from ori_deploy.actuators.dynamixel.line import Pong, ServoLine, ServoRefused
 from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, PinServo, Wiring
 from ori_deploy.wire.dynamixel import ControlTable, OperatingMode, Register, ServoModel
-from ori_deploy.wire.dynamixel.models import FAST_SYNC_READ_FIRMWARE, RPM, WATCHDOG_FIRMWARE
+from ori_deploy.wire.dynamixel.models import RPM, WATCHDOG_FIRMWARE
 from ori_deploy.wire.dynamixel.registers import ACCELERATION_UNIT_RPM2, VELOCITY_UNIT_RPM
 
 ATTEMPTS = 3
@@ -70,7 +70,7 @@ def find_servos(line: ServoLine, wiring: Wiring) -> dict[int, Pong]:
 
 def fast_read_known(pongs: Sequence[Pong]) -> bool:
     """Whether every servo's firmware answers a fast sync read."""
-    return all(pong.firmware >= FAST_SYNC_READ_FIRMWARE for pong in pongs)
+    return all(pong.model is not None and pong.firmware >= pong.model.fast_sync_read_firmware for pong in pongs)
 
 
 def configure(line: ServoLine, servo: HingeServo | PinServo, settings: DynamixelSettings, travel_s: float) -> None:

@@ -5,8 +5,8 @@ Everything that can be known without a bus is refused here, before anything is o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Protocol
 
@@ -114,6 +114,14 @@ class Wiring:
     def servos(self) -> tuple[HingeServo | PinServo, ...]:
         """All of them."""
         return self.hinges + self.pins
+
+    def as_found(self, firmware: Mapping[int, int]) -> Wiring:
+        """The same servos with the registers of the firmware that they were found to have, by id."""
+        return replace(
+            self,
+            hinges=tuple(replace(one, model=one.model.at_firmware(firmware[one.id])) for one in self.hinges),
+            pins=tuple(replace(one, model=one.model.at_firmware(firmware[one.id])) for one in self.pins),
+        )
 
 
 def resolve_wiring(

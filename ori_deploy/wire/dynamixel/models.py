@@ -1,12 +1,13 @@
 """X-series models: control tables, and what each can do at its nominal voltage.
 
-Source: ROBOTIS e-manual, sections "Specifications" and "Control Table" of each model.
+Source: ROBOTIS e-manual, sections "Specifications" and "Control Table" of each model, and "Protocol 2.0" for
+what each firmware answers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from types import MappingProxyType
 
@@ -24,7 +25,11 @@ WATCHDOG_FIRMWARE = 38
 """First firmware of the X series with a bus watchdog."""
 
 FAST_SYNC_READ_FIRMWARE = 45
-"""First firmware of the X series that answers fast sync read."""
+"""First firmware of the 430 and 540 families that answers fast sync read; `ServoModel` has each model's own."""
+
+X330_FAST_SYNC_READ_FIRMWARE = 46
+X330_MORE_INDIRECT_FIRMWARE = 53
+"""First firmware of the 330 family with 28 indirect addresses; the 20 before it show their data elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +41,7 @@ class ServoModel:
     name, number
         As printed on it, and as it answers to a ping.
     table
-        Its registers.
+        Its registers. `at_firmware` has those of a firmware that keeps some elsewhere.
     modes
         Operating modes that it has.
     bauds
@@ -47,6 +52,10 @@ class ServoModel:
         At which the following hold.
     stall_torque_nm, stall_current_a, no_load_rad_s
         As the data sheet states them.
+    fast_sync_read_firmware
+        First that answers fast sync read.
+    later
+        First firmware with another table, and that table; None where there is none.
     """
 
     name: str
@@ -59,6 +68,14 @@ class ServoModel:
     stall_torque_nm: float
     stall_current_a: float
     no_load_rad_s: float
+    fast_sync_read_firmware: int = FAST_SYNC_READ_FIRMWARE
+    later: tuple[int, ControlTable] | None = None
+
+    def at_firmware(self, firmware: int) -> ServoModel:
+        """The same model with the table that this firmware has. For a model of `MODELS`."""
+        if self.later is None or firmware < self.later[0]:
+            return self
+        return replace(self, table=self.later[1])
 
     @property
     def key(self) -> str:
@@ -83,15 +100,14 @@ def _table(
     drive_mode_max: int,
     moving_threshold: int = 10,
     external_ports: bool = False,
-    indirect: IndirectBlock,
-    more_indirect: IndirectBlock | None,
+    x330: bool = False,
 ) -> ControlTable:
     """A table; pairs are (default, maximum), voltages (smallest, largest, default low, default high)."""
     current = current_limit is not None
     v_low, v_high, v_default_low, v_default_high = voltage_limits
     i_velocity, p_velocity = velocity_gains
     d_position, i_position, p_position = position_gains
-    max_baud = 6 if indirect.count == 20 else 7
+    max_baud, protocols = (6, (2, 22)) if x330 else (7, (1, 2))
     return ControlTable(
         model_number=_read_only("model_number", 0, 2, default=number),
         model_information=_read_only("model_information", 2, 4),
@@ -102,7 +118,7 @@ def _table(
         drive_mode=Register("drive_mode", 10, 1, 0, 0, drive_mode_max),
         operating_mode=Register("operating_mode", 11, 1, 3, 0, 16),
         secondary_id=Register("secondary_id", 12, 1, 255, 0, 255),
-        protocol_type=Register("protocol_type", 13, 1, 2, 1, 22),
+        protocol_type=Register("protocol_type", 13, 1, 2, *protocols),
         homing_offset=Register("homing_offset", 20, 4, 0, -1_044_479, 1_044_479, signed=True),
         moving_threshold=Register("moving_threshold", 24, 4, moving_threshold, 0, 1023),
         temperature_limit=Register("temperature_limit", 31, 1, temperature_limit, 0, 100),
@@ -119,6 +135,7 @@ def _table(
         external_port_mode_2=Register("external_port_mode_2", 57, 1, 3, 0, 3) if external_ports else None,
         external_port_mode_3=Register("external_port_mode_3", 58, 1, 3, 0, 3) if external_ports else None,
         startup_configuration=Register("startup_configuration", 60, 1, 0, 0, 3),
+        pwm_slope=Register("pwm_slope", 62, 1, 140, 1, 255) if x330 else None,
         shutdown=Register("shutdown", 63, 1, shutdown, 0, 255),
         torque_enable=Register("torque_enable", 64, 1, 0, 0, 1),
         led=Register("led", 65, 1, 0, 0, 1),
@@ -151,17 +168,19 @@ def _table(
         position_trajectory=_read_only("position_trajectory", 140, 4, signed=True),
         present_input_voltage=_read_only("present_input_voltage", 144, 2),
         present_temperature=_read_only("present_temperature", 146, 1),
+        backup_ready=_read_only("backup_ready", 147, 1),
         external_port_data_1=Register("external_port_data_1", 152, 2) if external_ports else None,
         external_port_data_2=Register("external_port_data_2", 154, 2) if external_ports else None,
         external_port_data_3=Register("external_port_data_3", 156, 2) if external_ports else None,
-        indirect=indirect,
-        more_indirect=more_indirect,
+        indirect=_INDIRECT_X330 if x330 else _INDIRECT,
+        more_indirect=None if x330 else _MORE_INDIRECT,
     )
 
 
 _INDIRECT = IndirectBlock(168, 224, 28, 661)
 _MORE_INDIRECT = IndirectBlock(578, 634, 28, 661)
-_INDIRECT_XL330 = IndirectBlock(168, 208, 20, 227)
+_INDIRECT_X330 = IndirectBlock(168, 208, 20, 227)
+_LATER_INDIRECT_X330 = IndirectBlock(168, 224, 28, 251)
 
 _ALL_MODES = frozenset(OperatingMode)
 _NO_CURRENT = _ALL_MODES - {OperatingMode.CURRENT, OperatingMode.CURRENT_BASED_POSITION}
@@ -169,7 +188,16 @@ _BAUDS = tuple(BAUD_CODES)
 _BAUDS_XL330 = _BAUDS[:-1]
 
 
-def _xl330(name: str, number: int, velocity: int, torque: float, current: float, rpm: float) -> ServoModel:
+def _xl330(
+    name: str,
+    number: int,
+    velocity: int,
+    velocity_gains: tuple[int, int],
+    position_gains: tuple[int, int, int],
+    torque: float,
+    current: float,
+    rpm: float,
+) -> ServoModel:
     table = _table(
         number,
         current_limit=(1750, 1750),
@@ -177,11 +205,10 @@ def _xl330(name: str, number: int, velocity: int, torque: float, current: float,
         temperature_limit=70,
         voltage_limits=(31, 70, 35, 70),
         shutdown=53,
-        velocity_gains=(1600, 180),
-        position_gains=(0, 0, 400),
+        velocity_gains=velocity_gains,
+        position_gains=position_gains,
         drive_mode_max=13,
-        indirect=_INDIRECT_XL330,
-        more_indirect=None,
+        x330=True,
     )
     return ServoModel(
         name=name,
@@ -194,6 +221,8 @@ def _xl330(name: str, number: int, velocity: int, torque: float, current: float,
         stall_torque_nm=torque,
         stall_current_a=current,
         no_load_rad_s=rpm * RPM,
+        fast_sync_read_firmware=X330_FAST_SYNC_READ_FIRMWARE,
+        later=(X330_MORE_INDIRECT_FIRMWARE, replace(table, indirect=_LATER_INDIRECT_X330)),
     )
 
 
@@ -203,11 +232,14 @@ def _x430_without_current(
     velocity: int,
     temperature: int,
     voltages: tuple[int, int, int, int],
+    nominal_v: float,
     velocity_gains: tuple[int, int],
     position_gains: tuple[int, int, int],
     torque: float,
     current: float,
     rpm: float,
+    *,
+    moving_threshold: int = 10,
 ) -> ServoModel:
     table = _table(
         number,
@@ -219,9 +251,7 @@ def _x430_without_current(
         velocity_gains=velocity_gains,
         position_gains=position_gains,
         drive_mode_max=13,
-        moving_threshold=20 if name.startswith("XC") else 10,
-        indirect=_INDIRECT,
-        more_indirect=_MORE_INDIRECT,
+        moving_threshold=moving_threshold,
     )
     return ServoModel(
         name=name,
@@ -230,7 +260,7 @@ def _x430_without_current(
         modes=_NO_CURRENT,
         bauds=_BAUDS,
         current_unit_a=None,
-        nominal_v=12.0 if name.startswith("XC") else 11.1,
+        nominal_v=nominal_v,
         stall_torque_nm=torque,
         stall_current_a=current,
         no_load_rad_s=rpm * RPM,
@@ -240,7 +270,7 @@ def _x430_without_current(
 def _with_current(
     name: str,
     number: int,
-    current_limit: tuple[int, int],
+    current_limit: int,
     velocity: int,
     voltages: tuple[int, int, int, int],
     nominal_v: float,
@@ -248,21 +278,19 @@ def _with_current(
     current: float,
     rpm: float,
     *,
-    external_ports: bool = False,
+    x540: bool = False,
 ) -> ServoModel:
     table = _table(
         number,
-        current_limit=current_limit,
+        current_limit=(current_limit, current_limit),
         velocity_limit=(velocity, 1023),
         temperature_limit=80,
         voltage_limits=voltages,
         shutdown=52,
         velocity_gains=(1920, 100),
         position_gains=(0, 0, 800),
-        drive_mode_max=13,
-        external_ports=external_ports,
-        indirect=_INDIRECT,
-        more_indirect=_MORE_INDIRECT,
+        drive_mode_max=15 if x540 else 13,  # bit 1, follower of another servo, needs the 540's sync cable
+        external_ports=x540,
     )
     return ServoModel(
         name=name,
@@ -278,23 +306,23 @@ def _with_current(
     )
 
 
-_V12 = (95, 160, 95, 160)
-_V24 = (110, 300, 110, 300)
-_XL430 = ((60, 140, 60, 140), (1000, 100), (4000, 0, 640))  # voltages, velocity and position gains
-_XC430 = ((60, 160, 60, 160), (1920, 100), (0, 0, 460))
+_V12 = ((95, 160, 95, 160), 12.0)
+_V24 = ((110, 300, 110, 300), 24.0)
+_XL430 = ((60, 140, 60, 140), 11.1, (1000, 100), (4000, 0, 640))  # voltages, velocity and position gains
+_XC430 = ((60, 160, 60, 160), 12.0, (1920, 100))
 
 MODELS: tuple[ServoModel, ...] = (
-    _xl330("XL330-M077", 1190, 1620, 0.215, 1.47, 383.0),
-    _xl330("XL330-M288", 1200, 445, 0.52, 1.47, 103.0),
+    _xl330("XL330-M077", 1190, 1620, (400, 40), (0, 400, 400), 0.215, 1.47, 383.0),
+    _xl330("XL330-M288", 1200, 445, (1600, 180), (0, 0, 400), 0.52, 1.47, 103.0),
     _x430_without_current("XL430-W250", 1060, 265, 72, *_XL430, 1.4, 1.3, 57.0),
-    _x430_without_current("XC430-W150", 1070, 460, 80, *_XC430, 1.6, 1.4, 106.0),
-    _x430_without_current("XC430-W240", 1080, 306, 80, *_XC430, 1.9, 1.4, 70.0),
-    _with_current("XM430-W350", 1020, (1193, 1193), 200, _V12, 12.0, 4.1, 2.3, 46.0),
-    _with_current("XM430-W210", 1030, (1193, 1193), 330, _V12, 12.0, 3.0, 2.3, 77.0),
-    _with_current("XH540-W270", 1100, (2047, 2047), 167, _V12, 12.0, 9.9, 4.9, 39.0, external_ports=True),
-    _with_current("XH540-W150", 1110, (2047, 2047), 300, _V12, 12.0, 7.1, 4.9, 70.0, external_ports=True),
-    _with_current("XH540-V270", 1140, (1188, 1188), 167, _V24, 24.0, 9.2, 2.4, 34.0, external_ports=True),
-    _with_current("XH540-V150", 1150, (1188, 1188), 300, _V24, 24.0, 6.4, 2.4, 60.0, external_ports=True),
+    _x430_without_current("XC430-W150", 1070, 460, 80, *_XC430, (0, 0, 460), 1.6, 1.4, 106.0, moving_threshold=20),
+    _x430_without_current("XC430-W240", 1080, 306, 80, *_XC430, (0, 0, 700), 1.9, 1.4, 70.0),
+    _with_current("XM430-W350", 1020, 1193, 200, *_V12, 4.1, 2.3, 46.0),
+    _with_current("XM430-W210", 1030, 1193, 330, *_V12, 3.0, 2.3, 77.0),
+    _with_current("XH540-W270", 1100, 2047, 167, *_V12, 9.9, 4.9, 39.0, x540=True),
+    _with_current("XH540-W150", 1110, 2047, 300, *_V12, 7.1, 4.9, 70.0, x540=True),
+    _with_current("XH540-V270", 1140, 1188, 128, *_V24, 9.2, 2.4, 34.0, x540=True),
+    _with_current("XH540-V150", 1150, 1188, 230, *_V24, 6.4, 2.4, 60.0, x540=True),
 )
 """Every model that this package drives."""
 

@@ -119,7 +119,11 @@ class IndirectBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlTable:
-    """Registers of one family of models. What a family lacks is None."""
+    """Registers of one family of models. What a family lacks is None.
+
+    `startup_configuration` and `backup_ready` are there from firmware 45 on, 46 in the 330 family; before, a servo
+    refuses to read them.
+    """
 
     model_number: Register
     model_information: Register
@@ -145,6 +149,7 @@ class ControlTable:
     external_port_mode_2: Register | None
     external_port_mode_3: Register | None
     startup_configuration: Register
+    pwm_slope: Register | None
     shutdown: Register
     torque_enable: Register
     led: Register
@@ -177,6 +182,7 @@ class ControlTable:
     position_trajectory: Register
     present_input_voltage: Register
     present_temperature: Register
+    backup_ready: Register
     external_port_data_1: Register | None
     external_port_data_2: Register | None
     external_port_data_3: Register | None

@@ -172,6 +172,7 @@ def test_torque_stays_off_everywhere_when_one_servo_refuses_it(tmp_path: Path) -
         assert not any(servo.torque_on for servo in setup.virtual.truth().values())
 
 
+@pytest.mark.slow
 def test_goals_arrive_in_extended_and_in_current_based_position_mode(tmp_path: Path) -> None:
     for mode, number in (("extended_position", 4), ("current_based_position", 5)):
         more = {"current_limit_a": 1.0} if number == 5 else {}
@@ -186,6 +187,7 @@ def test_goals_arrive_in_extended_and_in_current_based_position_mode(tmp_path: P
             np.testing.assert_allclose(setup.bus.read_hinges().position_rad, goal, atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_current_limit_makes_a_blocked_servo_give_way(tmp_path: Path) -> None:
     currents = {}
     for limit in (None, 0.5):
@@ -309,6 +311,7 @@ def test_within_one_turn_a_restart_loses_torque_and_nothing_else(tmp_path: Path)
 # -- health, errors, latches ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["XL330-M288", "XL430-W250", "XC430-W150", "XM430-W350", "XH540-W150"])
 def test_every_model_is_read_in_the_same_units(tmp_path: Path, model: str) -> None:
     rig = {"controller": {"min_voltage_v": 3.0}}
@@ -329,6 +332,19 @@ def test_every_model_is_read_in_the_same_units(tmp_path: Path, model: str) -> No
         assert health.sound.all()
         np.testing.assert_allclose(health.temperature_c, [truth[i].temperature_c for i in (1, 2, 3)], atol=1.0)
         assert (np.abs(health.voltage_v / {"XL330-M288": 5.0, "XL430-W250": 11.1}.get(model, 12.0) - 1) < 0.05).all()
+
+
+@pytest.mark.parametrize("firmware", [46, 52, 53])
+def test_registers_that_a_later_firmware_moved_are_found(tmp_path: Path, firmware: int) -> None:
+    """XL330: indirect data begin at 208, from firmware 53 on at 224."""
+    rig = {"controller": {"min_voltage_v": 3.0}}
+    with servos(tmp_path, model="XL330-M288", rig=rig, servo={"firmware": firmware}) as setup:
+        setup.bus.connect()
+        health = setup.bus.read_health()
+        assert health.sound.all()
+        np.testing.assert_allclose(health.voltage_v, 5.0, atol=0.2)
+        setup.bus.enable_torque()
+        assert setup.bus.read_health().torque_on.all()
 
 
 def test_health_registers_spread_over_the_table_come_in_one_read(tmp_path: Path) -> None:

@@ -119,6 +119,8 @@ def test_rustypots_own_table_agrees_with_the_servos(rusty: tuple[Any, list[int],
     assert controller.read_register(ids[0], "model_number") == number
     compared = 0
     for info in controller.registers():
+        if info.name == "realtime_tick":
+            continue  # it goes on between the two looks
         try:
             truth = bus.register(ids[0], info.name)
         except VirtualBusError:  # it has names of its own for some

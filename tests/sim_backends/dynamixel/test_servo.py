@@ -53,7 +53,7 @@ def test_every_register_starts_at_its_default_and_keeps_its_bounds(name: str) ->
     table = host.model(1).table
     measured = {"present", "realtime", "moving", "firmware", "id", "baud", "goal"}
     for register in table:
-        if register.name.split("_")[0] not in measured:
+        if register.name.split("_")[0] not in measured and not register.name.endswith("_trajectory"):
             assert host.read(1, register.name) == register.default, register.name
         if not register.writable:
             assert write_raw(host, register.address, bytes(register.size)) == ACCESS, register.name
