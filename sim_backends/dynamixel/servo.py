@@ -258,7 +258,8 @@ class Servo:
         if register is table.operating_mode:
             self._change_mode(forget=changes and self.mode in _FORGETTING)
         elif register is table.bus_watchdog:
-            self._thaw()
+            # The manual does not say what becomes of the old goal; the worst that can be: it counts again.
+            self._motors.frozen[self.k] = False
         elif register is table.homing_offset:
             self.put(table.goal_position, self.count)
         self._drive()
@@ -421,12 +422,6 @@ class Servo:
             self._drive()
         self._motors.frozen[self.k] = True
         self._motors.hold(self.k)
-
-    def _thaw(self) -> None:
-        """The watchdog was written: what had stopped stands where it is until a new goal comes."""
-        if self._motors.frozen[self.k]:
-            self._motors.frozen[self.k] = False
-            self.put(self.table.goal_position, self.count)
 
     # -- restarts ------------------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ from ori_deploy.actuators.bus import (
     BusError,
     BusTimeout,
     CommandRefused,
+    CorruptReply,
     HardwareError,
     HealthReadings,
     HingeReadings,
@@ -28,6 +29,7 @@ from ori_deploy.actuators.dynamixel.line import Replies, Reply, ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.dynamixel.readings import Decoder, hardware_error
 from ori_deploy.actuators.dynamixel.startup import (
+    clear_trip,
     configure,
     fast_read_known,
     find_servos,
@@ -261,7 +263,7 @@ class DynamixelBus(ActuatorBus):
         """Servos hold on: with nobody to talk to them, their watchdogs would stop what need not stop."""
         try:
             if self._port.is_open:
-                self._stop_watching()
+                self._disarm()
                 self._latches.disarm(self._line)
         except BusError as error:
             log.error("watchdogs stay armed, servos stop where they are: %s", error)
@@ -275,7 +277,7 @@ class DynamixelBus(ActuatorBus):
 
     def _send_goals(self) -> None:
         if self._holding and not self._watching:
-            self._set_watchdogs(self._settings.watchdog_s)
+            self._set_watchdogs(self._settings.watchdog_s, self._ids)
             self._watching = self._settings.watchdog_s > 0.0
         table = self._wiring.hinges[0].model.table
         data = self._goal.astype("<i4").tobytes()
@@ -293,10 +295,19 @@ class DynamixelBus(ActuatorBus):
             self._torque_off()
 
     def _torque_off(self) -> None:
-        self._holding = False
-        self._stop_watching()
+        """All at once, then each is asked whether it heard."""
+        self._holding = self._watching = False
+        register = self._wiring.hinges[0].model.table.torque_enable
+        self._line.sync_write(register.address, register.size, dict.fromkeys(self._ids, register.encode(0)))
+        self._set_watchdogs(0.0, self._ids)
+        silent = []
         for servo in self._wiring.hinges:
-            write(self._line, servo.id, servo.model.table.torque_enable, 0)
+            try:
+                write(self._line, servo.id, register, 0)
+            except (BusTimeout, CorruptReply):
+                silent.append(servo.name)
+        if silent:
+            raise BusTimeout(f"{', '.join(silent)} did not say that torque is off; remedy: switch the supply off")
 
     def _torque_on(self) -> None:
         """Torque on at the goals that were just set, once every servo is seen to have them."""
@@ -434,13 +445,21 @@ class DynamixelBus(ActuatorBus):
         """Watchdogs off, tripped ones too."""
         self._watching = False
         for servo in self._wiring.hinges:
-            write(self._line, servo.id, servo.model.table.bus_watchdog, 0)
+            clear_trip(self._line, servo)
 
-    def _set_watchdogs(self, period_s: float) -> None:
-        """All watchdogs at once; that they took it shows in the health."""
+    def _disarm(self) -> None:
+        """Watchdogs off, but for tripped ones: those servos stand, and might go on if they were let."""
+        self._watching = False
+        register = self._wiring.hinges[0].model.table.bus_watchdog
+        replies = self._line.sync_read(register.address, register.size, self._ids)
+        self._set_watchdogs(0.0, [i for i, reply in replies.by_id.items() if register.decode(reply.data) > 0])
+
+    def _set_watchdogs(self, period_s: float, ids: Sequence[int]) -> None:
+        """Several watchdogs at once; that they took it shows in the health."""
         register = self._wiring.hinges[0].model.table.bus_watchdog
         value = register.encode(round(period_s / WATCHDOG_UNIT_S))
-        self._line.sync_write(register.address, register.size, dict.fromkeys(self._ids, value))
+        if ids:
+            self._line.sync_write(register.address, register.size, dict.fromkeys(ids, value))
 
 
 def _by_address(servos: Sequence[HingeServo]) -> dict[int, list[int]]:

@@ -88,6 +88,7 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
     """
     torque = read(line, servo.id, servo.model.table.torque_enable)
     _refuse_torque_at_startup(line, servo)
+    clear_trip(line, servo)
     for register, value in _wanted(servo, settings, travel_s):
         found = read(line, servo.id, register)
         if found == value:
@@ -104,6 +105,24 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
                 f"{name_of(servo)} (id {servo.id}): {register.name} reads {kept} after {value} was written; "
                 "remedy: restart it (ori-deploy bus reset-error), or replace it"
             )
+
+
+def clear_trip(line: ServoLine, servo: HingeServo | PinServo) -> None:
+    """Turn a servo's watchdog off. One that had tripped stays where it is.
+
+    It takes no goal before its watchdog is cleared, so the place where it stands becomes its goal at once.
+    """
+    table = servo.model.table
+    tripped = read(line, servo.id, table.bus_watchdog) < 0
+    if not tripped:
+        write(line, servo.id, table.bus_watchdog, 0)
+        return
+    stands = read(line, servo.id, table.present_position)
+    if servo.mode in _ONE_TURN_MODES:  # a shaft may stand a little beyond the limits of goals
+        low, high = (read(line, servo.id, r) for r in (table.min_position_limit, table.max_position_limit))
+        stands = min(max(stands, low), high)
+    write(line, servo.id, table.bus_watchdog, 0)
+    write(line, servo.id, table.goal_position, stands)
 
 
 def _refuse_torque_at_startup(line: ServoLine, servo: HingeServo | PinServo) -> None:
@@ -191,7 +210,6 @@ def _wanted(
 ) -> Iterator[tuple[Register, int]]:
     """Registers and what they have to hold, in an order in which they can be written."""
     table = servo.model.table
-    yield table.bus_watchdog, 0  # a servo that tripped takes no goals until this is written
     yield table.status_return_level, KEPT_RETURN_LEVEL
     yield table.return_delay_time, 0
     yield table.drive_mode, 0  # not reversed, velocity-based profile, no torque by a goal

@@ -240,6 +240,36 @@ def test_closing_leaves_servos_holding_without_a_watchdog(tmp_path: Path) -> Non
         assert all(setup.virtual.truth()[i].torque_on for i in (1, 2, 3))
 
 
+def test_a_host_that_comes_back_does_not_let_stopped_servos_go_on(tmp_path: Path) -> None:
+    """Their goal is still where the dead host wanted them; clearing the watchdog must not send them there."""
+    with servos(tmp_path, watchdog_s=0.08, profile_velocity_rad_s=0.5) as setup:
+        goal = hold(setup) + 2.0 * STEP
+        stream(setup, goal, 0.1)
+        time.sleep(0.4)
+        truth = setup.virtual.truth()
+        assert all(truth[i].frozen for i in (1, 2, 3))
+        stood = [truth[i].shaft_rad for i in (1, 2, 3)]
+        setup.bus.close()  # as it is when the host gives up
+        time.sleep(0.2)
+        assert all(setup.virtual.truth()[i].frozen for i in (1, 2, 3))
+        second = setup.again()
+        second.connect()
+        time.sleep(0.3)
+        truth = setup.virtual.truth()
+        np.testing.assert_allclose([truth[i].shaft_rad for i in (1, 2, 3)], stood, atol=0.01)
+        np.testing.assert_allclose([truth[i].goal_rad for i in (1, 2, 3)], stood, atol=0.01)
+        second.close()
+
+
+def test_one_silent_servo_does_not_keep_the_others_from_going_limp(tmp_path: Path) -> None:
+    with servos(tmp_path) as setup:
+        hold(setup)
+        setup.virtual.mute(1)
+        with pytest.raises(BusTimeout, match="servo_c1 did not say that torque is off"):
+            setup.bus.disable_torque()
+        assert not any(setup.virtual.truth()[i].torque_on for i in (1, 2, 3))
+
+
 # -- turns ---------------------------------------------------------------------------------------------
 
 
