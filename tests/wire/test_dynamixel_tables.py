@@ -59,7 +59,7 @@ NO_LOAD_RPM_AND_STALL = {
 }
 """V, N m, A and rev/min of the sections "Specifications", at the recommended voltage."""
 
-OTHER_CLIENT = {
+OTHER_CLIENT: dict[str, type[rustypot.Xl330PyController] | type[rustypot.Xl430PyController]] = {
     "XL330-M077": rustypot.Xl330PyController,
     "XL330-M288": rustypot.Xl330PyController,
     "XL430-W250": rustypot.Xl430PyController,
