@@ -77,6 +77,7 @@ def servos(
             "magnets": "by_hinges",
             "servo": [PIN_SERVO],
             "reply_slack_s": 0.03,
+            "watchdog_s": 0.5,  # the machine that runs the tests has other things to do as well
             **settings,
         },
     }
