@@ -185,8 +185,9 @@ class Guarded:
         """Wake a servo that its watchdog has stopped, to stay where it is; until then it takes no goals."""
         if not self.has_watchdog or self.read(self.table.bus_watchdog) >= 0:
             return False
+        stands = self.read(self.table.present_position)
         self.write(self.table.bus_watchdog, 0)
-        self.aim(self.read(self.table.present_position))
+        self.aim(stands)
         return True
 
     def _refuse_error(self) -> None:

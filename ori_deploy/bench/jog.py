@@ -158,7 +158,11 @@ def carry_out(
     """
     with Guarded(line, move.pong, clock, keep_holding=keep_holding) as servo:
         servo.set(servo.table.profile_velocity, velocity_units(move.speed_rad_s))
-        servo.hold()
+        turned = abs(servo.hold() - count_of(move.start_rad))
+        if turned > count_of(NEAR_RAD) - count_of(0.0):
+            raise CommandRefused(
+                f"servo {servo.id} was turned by {turned} counts since its way was told; remedy: say again where to"
+            )
         servo.aim(count_of(move.goal_rad))
         began = clock.now()
         deadline = began + 1.5 * abs(move.way_rad) / move.speed_rad_s + PATIENCE_S

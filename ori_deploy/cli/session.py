@@ -181,8 +181,9 @@ def carry_out(
         with Controller(plan, rig, bus, clock, observers) as controller:
             controller.connect()
             tell_advice(bus)
-            vouch_for(bus, rig, plan, stands)
-            controller.arm()
+            if not stop.requested:
+                vouch_for(bus, rig, plan, stands)
+                controller.arm()
             for command in commands:
                 if stop.requested:
                     break

@@ -82,11 +82,12 @@ def shafts(bus: VirtualBus) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_the_wing_deploys_and_stows_by_the_two_commands_of_the_example(plan: Path, tmp_path: Path) -> None:
+def test_the_wing_deploys_and_stows_by_the_two_commands_of_the_example(plan: Path, rig: Path, tmp_path: Path) -> None:
     """The commands in the head of the example rig, as they stand there."""
     text = [line.removeprefix("#   ") for line in RIG.read_text().splitlines() if line.startswith("#   ")]
     (tmp_path / "out").mkdir()
-    (tmp_path / "examples").symlink_to(EXAMPLES)
+    (tmp_path / "examples").mkdir()
+    shutil.copy(rig, tmp_path / "examples" / RIG.name)
     shutil.copy(plan, tmp_path / "wing.plan.json")
     words = text[0].replace("python ", f"{sys.executable} ").split()
     deploy = text[1].removeprefix("ori-deploy ").split()
@@ -121,9 +122,15 @@ def test_deployed_is_where_the_plan_ends(plan: Path, rig: Path, tmp_path: Path) 
         assert all(servo.torque_on for servo in bus.truth().values())  # at_close = "hold"
 
 
-def test_kill_9_stops_every_servo_and_the_next_session_knows_where_it_is(plan: Path, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_kill_9_stops_every_servo_and_the_next_session_knows_where_it_is(
+    plan: Path, rig: Path, tmp_path: Path
+) -> None:
+    as_shipped = tmp_path / "shipped.toml"
+    as_shipped.write_text(rig.read_text().replace("watchdog_s = 0.5 ", "watchdog_s = 0.08 "))
+    assert load_rig(as_shipped).dynamixel.watchdog_s == load_rig(RIG).dynamixel.watchdog_s
     with virtual(plan, tmp_path) as bus:
-        process = begin(plan, tmp_path)
+        process = begin(plan, tmp_path, as_shipped)
         moving = bus.truth()
         killed = time.monotonic()
         os.kill(process.pid, signal.SIGKILL)
@@ -135,7 +142,7 @@ def test_kill_9_stops_every_servo_and_the_next_session_knows_where_it_is(plan: P
         # 120 ms from the kill to the last motion of any servo.
         assert max(servo.moved_s for servo in truth.values()) - killed < 0.12
         stood = shafts(bus)
-        done = run("deploy", plan, "--rig", RIG, "--port", tmp_path / "ttyDXL", "--log", "next.mcap", cwd=tmp_path)
+        done = run("deploy", plan, "--rig", rig, "--port", tmp_path / "ttyDXL", "--log", "next.mcap", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         first = read_run(tmp_path / "next.mcap")
         gear = np.array([2.0, 4.0, 2.0, 12.0])

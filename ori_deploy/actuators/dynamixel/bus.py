@@ -29,6 +29,7 @@ from ori_deploy.actuators.dynamixel.line import Replies, Reply, ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.dynamixel.readings import Decoder, hardware_error
 from ori_deploy.actuators.dynamixel.startup import (
+    by_health_address,
     clear_trip,
     configure,
     fast_read_known,
@@ -51,6 +52,18 @@ from ori_deploy.wire.dynamixel.registers import (
 FloatArray = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
+
+STATE_SIZES, HEALTH_SIZES = 5, 3
+"""Sizes that reads of state (10 to 14 bytes) and health (7 to 9) go through, so that none is taken for another."""
+
+REARM_EVERY = 50
+"""Goals after which the watchdogs are set again: nobody answers a sync write, so one may have missed it."""
+
+MOVED_COUNTS = 12
+"""How far a shaft may have turned, one degree, between its reading and its torque."""
+
+GOING_DOWN_S = 0.1
+"""For so long a servo that was told to restart may still answer."""
 
 RESTART_PATIENCE_S = 3.0
 """How long a servo may take to come back after a reboot."""
@@ -130,10 +143,11 @@ class DynamixelBus(ActuatorBus):
         servos = wiring.hinges
         self._ids = [servo.id for servo in servos]
         self._state_address = servos[0].model.table.effort.address
-        self._health_groups = _by_address(servos)
+        self._health_groups = by_health_address(servos)
         self._decoder = Decoder(servos)
         self._fast = False
-        self._odd = False
+        self._reads = 0
+        self._unarmed_writes = 0
         self._watching = False
         self._holding = False
         self._goal = np.zeros(len(servos), dtype=np.int64)
@@ -230,7 +244,7 @@ class DynamixelBus(ActuatorBus):
     def _start(self) -> None:
         pongs = find_servos(self._line, self._planned)
         self._wiring = self._planned.as_found({servo_id: pong.firmware for servo_id, pong in pongs.items()})
-        self._health_groups = _by_address(self._wiring.hinges)
+        self._health_groups = by_health_address(self._wiring.hinges)
         self._fast = self._settings.fast_sync_read and fast_read_known(list(pongs.values()))
         latency = latency_timer_s(self._port.path)
         times = planned_times(self._wiring, usb_latency_s=latency)
@@ -276,9 +290,11 @@ class DynamixelBus(ActuatorBus):
         self._send_goals()
 
     def _send_goals(self) -> None:
-        if self._holding and not self._watching:
+        self._unarmed_writes += 1
+        if self._holding and (not self._watching or self._unarmed_writes >= REARM_EVERY):
             self._set_watchdogs(self._settings.watchdog_s, self._ids)
             self._watching = self._settings.watchdog_s > 0.0
+            self._unarmed_writes = 0
         table = self._wiring.hinges[0].model.table
         data = self._goal.astype("<i4").tobytes()
         self._line.sync_write(
@@ -299,11 +315,11 @@ class DynamixelBus(ActuatorBus):
         self._holding = self._watching = False
         register = self._wiring.hinges[0].model.table.torque_enable
         self._line.sync_write(register.address, register.size, dict.fromkeys(self._ids, register.encode(0)))
-        self._set_watchdogs(0.0, self._ids)
         silent = []
         for servo in self._wiring.hinges:
             try:
                 write(self._line, servo.id, register, 0)
+                write(self._line, servo.id, servo.model.table.bus_watchdog, 0)
             except (BusTimeout, CorruptReply):
                 silent.append(servo.name)
         if silent:
@@ -336,16 +352,23 @@ class DynamixelBus(ActuatorBus):
                     f"torque stays off: {servo.name} (id {servo.id}) has goal {kept}, not {goal}, where it stands; "
                     "remedy: check that its range and the rig's agree"
                 )
-        for servo in self._wiring.hinges:
-            self._energise(servo)
+        for servo, goal in zip(self._wiring.hinges, self._goal, strict=True):
+            self._energise(servo, int(goal))
         self._holding = True
 
-    def _energise(self, servo: HingeServo) -> None:
-        """Torque on for one; when it does not take it, off for all."""
-        register = servo.model.table.torque_enable
+    def _energise(self, servo: HingeServo, goal: int) -> None:
+        """Torque on for one that stands at its goal; when anything is not as it should be, off for all."""
+        table = servo.model.table
         try:
-            write(self._line, servo.id, register, 1)
-            if not read(self._line, servo.id, register):
+            away = abs(read(self._line, servo.id, table.present_position) - goal)
+            if away > MOVED_COUNTS and not read(self._line, servo.id, table.torque_enable):
+                raise CommandRefused(
+                    f"{servo.name} turned by {away * RAD_PER_COUNT:.3f} rad while torque went on; all torque is off; "
+                    f"limit: {MOVED_COUNTS * RAD_PER_COUNT:.3f} rad; remedy: hold the structure still"
+                )
+            write(self._line, servo.id, table.torque_enable, 1)
+            kept = read(self._line, servo.id, table.goal_position) == goal
+            if not read(self._line, servo.id, table.torque_enable) or not kept or restarted(self._line, (servo,)):
                 raise ActuatorFault(servo.name, "takes no torque; all torque is off; remedy: clear the fault")
         except BusError:
             self._torque_off()
@@ -353,8 +376,7 @@ class DynamixelBus(ActuatorBus):
 
     @_noticing_loss
     def _read_hinges(self) -> HingeReadings:
-        self._odd = not self._odd  # a byte more every other time: a late reply to the last read is not this one's
-        size = STATE_BYTES + self._odd
+        size = STATE_BYTES + self._turn(STATE_SIZES)
         replies = self._line.sync_read(self._state_address, size, self._ids, fast=self._fast)
         now = self._clock.now()
         replies.require_any("hinges")
@@ -365,8 +387,9 @@ class DynamixelBus(ActuatorBus):
     def _read_health(self) -> HealthReadings:
         by_id: dict[int, Reply] = {}
         garbage = False
+        size = HEALTH_BYTES + self._turn(HEALTH_SIZES)
         for address, ids in self._health_groups.items():
-            replies = self._line.sync_read(address, HEALTH_BYTES, ids, fast=self._fast)
+            replies = self._line.sync_read(address, size, ids, fast=self._fast)
             by_id |= dict(replies.by_id)
             garbage |= replies.garbage
         now = self._clock.now()
@@ -401,7 +424,10 @@ class DynamixelBus(ActuatorBus):
                 )
             rebooted.append(servo)
         for servo in rebooted:
-            self._line.reboot(servo.id)
+            try:
+                self._line.reboot(servo.id)
+            except (BusTimeout, CorruptReply):
+                continue  # it may have heard all the same: whether it did shows in its error, below
         failed += rebooted
         for servo in failed:
             self._await(servo)
@@ -414,6 +440,7 @@ class DynamixelBus(ActuatorBus):
 
     def _await(self, servo: HingeServo) -> None:
         """Wait until a servo that restarts answers again."""
+        self._clock.sleep_until(self._clock.now() + GOING_DOWN_S)
         deadline = self._clock.now() + RESTART_PATIENCE_S
         while self._clock.now() < deadline:
             if self._line.ping_all((servo.id,)):
@@ -441,6 +468,11 @@ class DynamixelBus(ActuatorBus):
 
     # -- inside --------------------------------------------------------------------------------------
 
+    def _turn(self, sizes: int) -> int:
+        """0 to `sizes` - 1, another every time: a late reply to one of the last reads has another size."""
+        self._reads += 1
+        return self._reads % sizes
+
     def _stop_watching(self) -> None:
         """Watchdogs off, tripped ones too."""
         self._watching = False
@@ -460,11 +492,3 @@ class DynamixelBus(ActuatorBus):
         value = register.encode(round(period_s / WATCHDOG_UNIT_S))
         if ids:
             self._line.sync_write(register.address, register.size, dict.fromkeys(ids, value))
-
-
-def _by_address(servos: Sequence[HingeServo]) -> dict[int, list[int]]:
-    """Ids by where their health block begins: families differ."""
-    groups: dict[int, list[int]] = {}
-    for servo in servos:
-        groups.setdefault(servo.model.table.indirect.first_data, []).append(servo.id)
-    return groups

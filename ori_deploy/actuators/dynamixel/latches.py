@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ori_deploy.actuators.bus import CommandRefused, HingeReadings, LatchReading
 from ori_deploy.actuators.dynamixel.line import Reply, ServoLine
 from ori_deploy.actuators.dynamixel.readings import hardware_error
-from ori_deploy.actuators.dynamixel.startup import read, write
+from ori_deploy.actuators.dynamixel.startup import clear_trip, read, write
 from ori_deploy.actuators.dynamixel.wiring import PinServo
 from ori_deploy.actuators.rig import Latch
 from ori_deploy.clock import Clock
@@ -50,6 +50,7 @@ class Latches:
         self._pins = {pin.latch: pin for pin in pins}
         self._closed, self._reach = closed_rad, reach_rad
         self._watchdog_units = round(watchdog_s / WATCHDOG_UNIT_S)
+        self._reads = 0
         self._engaged = {latch.id: False for latch in latches}
 
     @property
@@ -84,7 +85,8 @@ class Latches:
     def disarm(self, line: ServoLine) -> None:
         """Let pins stay as they are when the bus is let go of."""
         for pin in self._pins.values():
-            write(line, pin.id, pin.model.table.bus_watchdog, 0)
+            if read(line, pin.id, pin.model.table.bus_watchdog) > 0:  # a tripped one stands, and stays so
+                write(line, pin.id, pin.model.table.bus_watchdog, 0)
 
     def read(self, line: ServoLine, hinges: HingeReadings | None, clock: Clock) -> tuple[LatchReading, ...]:
         """All of them, in order.
@@ -103,7 +105,9 @@ class Latches:
         if self._pins:
             first = next(iter(self._pins.values())).model.table
             ids = [pin.id for pin in self._pins.values()]
-            replies = line.sync_read(first.effort.address, first.present_position.end - first.effort.address, ids)
+            self._reads += 1
+            size = first.present_position.end - first.effort.address + self._reads % 3  # see DynamixelBus._turn
+            replies = line.sync_read(first.effort.address, size, ids)
             replies.require_any("lock pins")
             by_id = dict(replies.by_id)
         now = clock.now()
@@ -119,7 +123,7 @@ class Latches:
         reply = by_id.get(pin.id)
         if reply is None:
             return LatchReading(name, self._engaged[name], None, valid=False, time_s=np.nan)
-        count = pin.model.table.present_position.decode(reply.data[-4:])
+        count = pin.model.table.present_position.decode(reply.data[6:10])
         fault = None
         if reply.alert:
             errors = read(line, pin.id, pin.model.table.hardware_error_status)
@@ -141,8 +145,7 @@ class Latches:
     def _hold(self, line: ServoLine, pin: PinServo) -> None:
         """Torque on where the pin stands, if it is not on; then its watchdog."""
         table = pin.model.table
-        if read(line, pin.id, table.bus_watchdog) < 0:
-            write(line, pin.id, table.bus_watchdog, 0)
+        clear_trip(line, pin)
         if not read(line, pin.id, table.torque_enable):
             errors = read(line, pin.id, table.hardware_error_status)
             if errors:

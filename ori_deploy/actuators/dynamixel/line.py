@@ -146,7 +146,8 @@ class ServoLine:
     def __init__(self, port: BlockingPort) -> None:
         self.port = port
         self._sdk = Protocol2PacketHandler()
-        self._asked = (BROADCAST, 0)  # who was asked last, and the size of an answer
+        self._asked: frozenset[int] = frozenset()  # who was asked last
+        self._frame = 0  # and the size of an answer
 
     # -- one servo -----------------------------------------------------------------------------------
 
@@ -241,7 +242,7 @@ class ServoLine:
     def _collect(self, packet: list[int], size: int, ids: Sequence[int]) -> Replies:
         frame = SHORTEST_FRAME + size
         expected = frame * len(ids)
-        self._send(packet, frame, expected)
+        self._send(packet, frame, expected, ids)
         self.port.give(self._wire_s(len(packet) + expected) + len(ids) * self._pause_s)
         by_id = self._as_expected(self.port.wait_for_all(), frame, ids)
         if by_id is not None:
@@ -253,7 +254,8 @@ class ServoLine:
             if status is None:
                 break
             servo_id = status[_AT_ID]
-            if servo_id in ids and servo_id not in by_id and len(status) == frame:
+            refused = status[_AT_ERROR] & ~ALERT
+            if servo_id in ids and servo_id not in by_id and len(status) == frame and not refused:
                 by_id[servo_id] = Reply(bytes(status[_AT_DATA:-2]), bool(status[_AT_ERROR] & ALERT))
                 good += 1
         return Replies(by_id, garbage=self.port.heard > good * frame)
@@ -272,6 +274,7 @@ class ServoLine:
             told = packet[-2] | packet[-1] << 8
             if (
                 packet[:_AT_ERROR] != HEADER + bytes((servo_id, length & 0xFF, length >> 8, STATUS))
+                or packet[_AT_ERROR] & ~ALERT
                 or STUFFED in packet
                 or self._sdk.updateCRC(0, packet, size - 2) != told
             ):
@@ -281,13 +284,13 @@ class ServoLine:
 
     def _collect_fast(self, packet: list[int], address: int, size: int, ids: Sequence[int]) -> Replies:
         total = FRAME_OVERHEAD + 1 + (size + BLOCK_OVERHEAD) * len(ids)
-        self._send(packet, total, total)
+        self._send(packet, total, total, ids)
         self.port.give(self._wire_s(len(packet) + total) + self._pause_s)
         raw = self.port.wait_for_all()
         if len(raw) != total:  # something came before it, or it is cut short
             raw = raw[max(raw.find(HEADER), 0) :][:total]
         blocks = split_fast_reply(raw, size, ids, self._sdk.updateCRC)
-        by_id = {servo_id: Reply(data, bool(error & ALERT)) for servo_id, (error, data) in blocks.items()}
+        by_id = {i: Reply(data, bool(error & ALERT)) for i, (error, data) in blocks.items() if not error & ~ALERT}
         heard = self.port.heard
         garbage = len(by_id) < len(ids) and heard > 0
         n_blocks = max(0, (len(raw) - FRAME_OVERHEAD - 1) // (size + BLOCK_OVERHEAD))
@@ -319,21 +322,26 @@ class ServoLine:
         self.port.give(self._wire_s(len(packet) + frame) + self._pause_s)
         while (status := self._receive()) is not None:
             if status[_AT_ID] != servo_id:
-                continue  # a late answer to an earlier question
+                self.port.expected += len(status)  # a late answer to an earlier question; ours is still to come
+                continue
             code = status[_AT_ERROR] & ~ALERT
             if code:
                 raise ServoRefused(servo_id, what, code)
             if len(status) == frame:
                 return Reply(bytes(status[_AT_DATA:-2]), bool(status[_AT_ERROR] & ALERT))
+            self.port.expected += len(status)
+        self.port.owe()
         if self.port.heard:
             raise CorruptReply(f"{what}: the answer is damaged; remedy: check wiring, ids and baud rate")
         raise BusTimeout(f"{what}: no answer; remedy: check power, wiring, id and baud rate")
 
-    def _send(self, packet: list[int], frame: int, expected: int) -> None:
+    def _send(self, packet: list[int], frame: int, expected: int, ids: Sequence[int] | None = None) -> None:
         """Send a packet; its replies will have `frame` bytes each, `expected` together, stuffing left out."""
-        asked = (packet[_AT_ID], frame)
-        alike = frame == self._asked[1] and (asked[0] == self._asked[0] or BROADCAST in (asked[0], self._asked[0]))
-        self._asked = asked
+        asked = frozenset((packet[_AT_ID],) if ids is None else ids)
+        everybody = frozenset((BROADCAST,))
+        overlap = asked & self._asked or everybody in (asked, self._asked)
+        alike = frame == self._frame and bool(overlap)
+        self._asked, self._frame = asked, frame
         self.port.begin(frame + frame // _STUFFING + 1, expected, PATIENCE_S if alike else IMPATIENCE_S)
         if PATTERN in bytes(packet[_BODY:-2]):
             self._send_stuffed(packet)

@@ -81,6 +81,7 @@ class BlockingPort:
         self._frame = b""
         self._deadline = 0.0
         self._late = False
+        self._owed = False
 
     def open(self) -> None:
         """Open the device for this process alone.
@@ -101,7 +102,7 @@ class BlockingPort:
         self._fd = self._serial.fileno()
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
-        self._late = False
+        self._late = self._owed = False
         self._forget()
 
     def close(self) -> None:
@@ -138,11 +139,15 @@ class BlockingPort:
             How long to wait for what is owed; shorter where the next reply cannot be mistaken for it.
         """
         deadline = time.monotonic() + patience_s
-        while self._late and self.heard < self.expected and self._receive(deadline):
+        while self._late and (self._owed or self.heard < self.expected) and self._receive(deadline):
             pass
-        self._late = False
+        self._late = self._owed = False
         self.is_using = False
         self.longest_frame, self.expected = longest_frame, expected
+
+    def owe(self) -> None:
+        """What came was not what was asked for: that may still come, however many bytes there were."""
+        self._late = self._owed = True
 
     # -- what the SDK calls --------------------------------------------------------------------------
 

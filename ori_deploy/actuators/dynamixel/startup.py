@@ -46,6 +46,14 @@ def health_registers(table: ControlTable) -> tuple[Register, ...]:
     )
 
 
+def by_health_address(servos: Sequence[HingeServo]) -> dict[int, list[int]]:
+    """Ids by where their health block begins: families and firmwares differ."""
+    groups: dict[int, list[int]] = {}
+    for servo in servos:
+        groups.setdefault(servo.model.table.indirect.first_data, []).append(servo.id)
+    return groups
+
+
 def find_servos(line: ServoLine, wiring: Wiring) -> dict[int, Pong]:
     """Ping every servo of a rig, and check that it is what the rig says.
 
@@ -98,6 +106,9 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
                 f"{name_of(servo)} (id {servo.id}): torque is on and {register.name} is {found}, not {value}; "
                 "remedy: ori-deploy bus torque-off, with the structure held by hand"
             )
+        if register in (servo.model.table.operating_mode, servo.model.table.drive_mode):
+            mark = mark_of(servo.model)  # a change of either may forget the turns that somebody vouched for
+            write(line, servo.id, mark, mark.default)
         write(line, servo.id, register, value)
         kept = read(line, servo.id, register)
         if kept != value:

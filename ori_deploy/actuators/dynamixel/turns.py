@@ -52,6 +52,8 @@ def vouch(
     CommandRefused
         A shaft is measured elsewhere, or is held by torque. Nothing was changed.
     """
+    # With long gears a tolerance of the crease is many turns of the shaft, and would tell nothing.
+    tolerance_rad = np.minimum(tolerance_rad, 0.5 * np.pi)
     lost = set(unvouched(line, servos))
     turns = np.array([servo in lost for servo in servos]) * np.rint((shaft_rad - measured_rad) / (2.0 * np.pi))
     off = np.abs(measured_rad + 2.0 * np.pi * turns - shaft_rad)

@@ -163,6 +163,16 @@ def test_a_stale_goal_in_the_servo_never_moves_it(tmp_path: Path, stale_rad: flo
         assert max(abs(after[i].velocity_rad_s) for i in (1, 2, 3)) < 0.1
 
 
+def test_a_shaft_that_was_turned_since_it_was_read_gets_no_torque(tmp_path: Path) -> None:
+    with servos(tmp_path) as setup:
+        setup.bus.connect()
+        readings = setup.bus.read_hinges()
+        setup.virtual.push(3, 0.2)
+        with pytest.raises(CommandRefused, match=r"servo_c3 turned by 0\.\d+ rad while torque went on"):
+            setup.bus.enable_torque(readings)
+        assert not any(servo.torque_on for servo in setup.virtual.truth().values())
+
+
 def test_torque_stays_off_everywhere_when_one_servo_refuses_it(tmp_path: Path) -> None:
     with servos(tmp_path) as setup:
         setup.bus.connect()

@@ -160,6 +160,37 @@ def test_late_answers_are_never_those_of_another_register() -> None:
         time.sleep(2 * slow)
 
 
+def test_what_a_late_group_reply_leaves_behind_is_not_the_next_register() -> None:
+    """A sync read comes after its time, in the middle of reads of single registers."""
+    late = b"".join(status(i, DATA[i]) for i in IDS)
+    values = {132: 3000, 52: 500, 48: 3500, 116: 111}
+
+    def answer(request: bytes) -> bytes:
+        if request[7] == 0x82:
+            threading.Timer(0.012, lambda: scripted.say(late)).start()
+            return b""
+        return status(1, values[request[8]].to_bytes(4, "little"))
+
+    with ScriptedPort(answer, slack_s=0.008) as scripted:
+        scripted.line.sync_read(126, 10, IDS)
+        for register in (TABLE.present_position, TABLE.min_position_limit, TABLE.max_position_limit):
+            for _ in range(3):
+                try:
+                    assert scripted.line.read(1, register) == values[register.address]
+                    break
+                except (BusTimeout, CorruptReply):
+                    continue
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_a_refusal_in_a_group_reply_is_no_data(fast: bool) -> None:
+    errors = {2: 7, 3: 0x80}
+    plain = b"".join(status(i, DATA[i], errors.get(i, 0)) for i in IDS)
+    with ScriptedPort(lambda _: fast_reply(DATA, 10, errors) if fast else plain) as scripted:
+        found = scripted.line.sync_read(126, 10, IDS, fast=fast)
+    assert {i: reply.alert for i, reply in found.by_id.items()} == {1: False, 3: True, 4: False}
+
+
 def test_a_late_pong_of_one_servo_is_not_another_s() -> None:
     pong = bytes((0xFC, 0x03, 45))
     answers = [b"", status(1, pong) + status(2, pong)]
