@@ -77,6 +77,7 @@ class Row:
 
     address: int
     size: int
+    name: str
     access: str
     default: int | None
     min: int | None
@@ -91,10 +92,9 @@ def rows(model: str) -> dict[int, Row]:
 
 
 def _row(texts: dict[str, str]) -> Row:
-    number = {
-        key: int(text) if text else None for key, text in texts.items() if key not in ("address", "size", "access")
-    }
-    return Row(int(texts["address"]), int(texts["size"]), texts["access"], **number)
+    number = {key: int(texts[key]) if texts[key] else None for key in ("default", "min", "max")}
+    name = texts["name"].lower().replace("(shadow)", "").replace(" ", "_")
+    return Row(int(texts["address"]), int(texts["size"]), name, texts["access"], **number)
 
 
 def registers(table: ControlTable) -> dict[int, Register]:
@@ -106,12 +106,12 @@ def _indirect(table: ControlTable) -> Iterator[Register]:
     for block in filter(None, (table.indirect, table.more_indirect)):
         for k in range(block.count):
             yield block.pointer(k)
-            yield Register("indirect_data", block.first_data + k, 1, 0, 0, 255)
+            yield Register(f"indirect_data_{block.first + k}", block.first_data + k, 1, 0, 0, 255)
 
 
 def same(model: ServoModel, row: Row, ours: Register) -> None:
-    found = (ours.address, ours.size, "RW" if ours.writable else "R")
-    assert found == (row.address, row.size, row.access), ours.name
+    found = (ours.address, ours.size, ours.name, "RW" if ours.writable else "R")
+    assert found == (row.address, row.size, row.name, row.access)
     for text, value in (("default", ours.default), ("min", ours.minimum), ("max", ours.maximum)):
         stated = getattr(row, text)
         if stated is None:
@@ -126,7 +126,7 @@ def test_the_table_is_the_manual_s(model: ServoModel) -> None:
     page, ours = rows(model.name), registers(model.table)
     if model.name in BEFORE_FIRMWARE_45:
         assert page[10].max == 5
-        page[10] = Row(10, 1, "RW", 0, 0, 15 if "540" in model.name else 13)
+        page[10] = Row(10, 1, "drive_mode", "RW", 0, 0, 15 if "540" in model.name else 13)
     for address, row in page.items():
         same(model, row, ours[address])
     not_there = {a for a, register in ours.items() if "indirect" not in register.name} - page.keys()
@@ -174,6 +174,7 @@ def test_registers_do_not_overlap_and_the_blocks_that_are_read_together_are_one(
     table = model.at_firmware(firmware).table
     everything = registers(table)
     assert len(everything) == len([*table, *_indirect(table)])
+    assert len({register.name for register in everything.values()}) == len(everything)
     ordered = [everything[address] for address in sorted(everything)]
     assert all(one.end <= other.address for one, other in pairwise(ordered))
     assert (table.effort.address, table.effort.end) == (126, table.present_velocity.address)

@@ -178,7 +178,7 @@ def _table(
 
 
 _INDIRECT = IndirectBlock(168, 224, 28, 661)
-_MORE_INDIRECT = IndirectBlock(578, 634, 28, 661)
+_MORE_INDIRECT = IndirectBlock(578, 634, 28, 661, first=29)
 _INDIRECT_X330 = IndirectBlock(168, 208, 20, 227)
 _LATER_INDIRECT_X330 = IndirectBlock(168, 224, 28, 251)
 

@@ -104,17 +104,20 @@ class IndirectBlock:
         Of the pointers, of the bytes that they show, and how many there are.
     last
         Farthest address that they can point at.
+    first
+        Number that the manual gives the first of them; numbers run on from block to block.
     """
 
     first_address: int
     first_data: int
     count: int
     last: int
+    first: int = 1
 
     def pointer(self, k: int) -> Register:
         """Register that holds the address which byte k of the block shows."""
-        default = self.first_data + k
-        return Register(f"indirect_address_{k + 1}", self.first_address + 2 * k, 2, default, EEPROM_END, self.last)
+        name, address = f"indirect_address_{self.first + k}", self.first_address + 2 * k
+        return Register(name, address, 2, self.first_data + k, EEPROM_END, self.last)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
