@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ori_deploy.cli import session
 from ori_deploy.cli.session import StopRequest, run_command
+from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.states import State
 
 ROOT = Path(__file__).parents[2]
@@ -262,3 +264,21 @@ def test_a_signal_stops_a_motion_once_and_nothing_else(states: list[State], stop
     controller = _SignalledOnce(states)
     assert run_command(controller, stop) == "ended"  # type: ignore[arg-type,comparison-overlap]
     assert controller.stops == stops
+
+
+def test_a_signal_before_torque_leaves_it_off(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Requested(StopRequest):
+        def __enter__(self) -> StopRequest:
+            super().__enter__()
+            self.requested = True
+            return self
+
+    def armed(_: Controller) -> None:
+        raise AssertionError("torque went on")
+
+    monkeypatch.setattr(session, "StopRequest", Requested)
+    monkeypatch.setattr(Controller, "arm", armed)
+    _, results, stopped = session.carry_out(
+        made / "wing.plan.json", EXAMPLES / "rig_mock.toml", ("deploy",), None, realtime=False
+    )
+    assert (results, stopped) == ((), True)

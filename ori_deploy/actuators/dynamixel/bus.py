@@ -29,7 +29,7 @@ from ori_deploy.actuators.dynamixel.line import Replies, Reply, ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.dynamixel.readings import Decoder, hardware_error
 from ori_deploy.actuators.dynamixel.startup import (
-    by_health_address,
+    by_block_address,
     clear_trip,
     configure,
     fast_read_known,
@@ -39,9 +39,16 @@ from ori_deploy.actuators.dynamixel.startup import (
     restarted,
     write,
 )
-from ori_deploy.actuators.dynamixel.throughput import HEALTH_BYTES, STATE_BYTES, check_rate, planned_times
+from ori_deploy.actuators.dynamixel.throughput import (
+    HEALTH_BYTES,
+    HEALTH_SIZES,
+    STATE_BYTES,
+    STATE_SIZES,
+    check_rate,
+    planned_times,
+)
 from ori_deploy.actuators.dynamixel.turns import unvouched, vouch
-from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, Wiring
+from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, PinServo, Wiring
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.clock import Clock
 from ori_deploy.wire.dynamixel.registers import (
@@ -52,9 +59,6 @@ from ori_deploy.wire.dynamixel.registers import (
 FloatArray = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
-
-STATE_SIZES, HEALTH_SIZES = 5, 3
-"""Sizes that reads of state (10 to 14 bytes) and health (7 to 9) go through, so that none is taken for another."""
 
 REARM_EVERY = 50
 """Goals after which the watchdogs are set again: nobody answers a sync write, so one may have missed it."""
@@ -143,7 +147,7 @@ class DynamixelBus(ActuatorBus):
         servos = wiring.hinges
         self._ids = [servo.id for servo in servos]
         self._state_address = servos[0].model.table.effort.address
-        self._health_groups = by_health_address(servos)
+        self._health_groups = by_block_address(servos)
         self._decoder = Decoder(servos)
         self._fast = False
         self._reads = 0
@@ -244,14 +248,14 @@ class DynamixelBus(ActuatorBus):
     def _start(self) -> None:
         pongs = find_servos(self._line, self._planned)
         self._wiring = self._planned.as_found({servo_id: pong.firmware for servo_id, pong in pongs.items()})
-        self._health_groups = by_health_address(self._wiring.hinges)
+        self._health_groups = by_block_address(self._wiring.hinges)
         self._fast = self._settings.fast_sync_read and fast_read_known(list(pongs.values()))
         latency = latency_timer_s(self._port.path)
         times = planned_times(self._wiring, usb_latency_s=latency)
         check_rate(self._wiring, times, self._rate_hz, fast=self._fast, source=self._source)
         for servo in self._wiring.servos:
-            configure(self._line, servo, self._settings, self._travel_s.get(name_of(servo), 1.0))
-        self._latches.find(self._line)
+            self._configure(servo)
+        self._latches.find(self._line, self._wiring.pins)
         self.advice = self._look_round()
         for text in self.advice:
             log.warning("%s", text)
@@ -261,6 +265,9 @@ class DynamixelBus(ActuatorBus):
         )
         self._decoder.forget()
         self._recent = None
+
+    def _configure(self, servo: HingeServo | PinServo) -> None:
+        configure(self._line, servo, self._settings, self._travel_s.get(name_of(servo), 1.0))
 
     def _look_round(self) -> tuple[str, ...]:
         """What could be better, and what will keep torque off."""
@@ -404,41 +411,40 @@ class DynamixelBus(ActuatorBus):
         Servos that restarted by themselves, or whose watchdog tripped (it clears their profile), get their
         settings back.
         """
-        tripped = [s for s in self._wiring.hinges if read(self._line, s.id, s.model.table.bus_watchdog) < 0]
+        servos = self._wiring.servos
+        tripped = [servo for servo in servos if read(self._line, servo.id, servo.model.table.bus_watchdog) < 0]
         self._stop_watching()
         for servo in tripped:
-            configure(self._line, servo, self._settings, 1.0)
-        failed = list(restarted(self._line, self._wiring.hinges))
-        rebooted = []
-        for servo in self._wiring.hinges:
-            table = servo.model.table
-            errors = hardware_error(read(self._line, servo.id, table.hardware_error_status))
-            if not errors:
-                continue
-            heat, limit = (
-                read(self._line, servo.id, r) for r in (table.present_temperature, table.temperature_limit)
-            )
-            if errors & HardwareError.OVERHEATING and heat >= limit:
-                raise CommandRefused(
-                    f"{servo.name} is still too hot: {heat} °C; limit: {limit} °C; remedy: let it cool"
-                )
-            rebooted.append(servo)
+            self._configure(servo)
+        failed = list(restarted(self._line, servos))
+        rebooted = [servo for servo in servos if self._must_restart(servo)]
         for servo in rebooted:
             try:
                 self._line.reboot(servo.id)
             except (BusTimeout, CorruptReply):
                 continue  # it may have heard all the same: whether it did shows in its error, below
-        failed += rebooted
+        failed += [servo for servo in rebooted if servo not in failed]
         for servo in failed:
             self._await(servo)
-            configure(self._line, servo, self._settings, 1.0)
+            self._configure(servo)
             errors = hardware_error(read(self._line, servo.id, servo.model.table.hardware_error_status))
             if errors:
-                raise CommandRefused(f"{servo.name} reports {errors.name} again; remedy: remove its cause")
-        self._holding = self._holding and not failed
+                raise CommandRefused(f"{name_of(servo)} reports {errors.name} again; remedy: remove its cause")
+        self._holding = self._holding and not any(servo in failed for servo in self._wiring.hinges)
         self._decoder.forget()
 
-    def _await(self, servo: HingeServo) -> None:
+    def _must_restart(self, servo: HingeServo | PinServo) -> bool:
+        """Whether it has an error to clear. Raises `CommandRefused` while the cause persists."""
+        table = servo.model.table
+        errors = hardware_error(read(self._line, servo.id, table.hardware_error_status))
+        heat, limit = (read(self._line, servo.id, r) for r in (table.present_temperature, table.temperature_limit))
+        if errors & HardwareError.OVERHEATING and heat >= limit:
+            raise CommandRefused(
+                f"{name_of(servo)} is still too hot: {heat} °C; limit: {limit} °C; remedy: let it cool"
+            )
+        return bool(errors)
+
+    def _await(self, servo: HingeServo | PinServo) -> None:
         """Wait until a servo that restarts answers again."""
         self._clock.sleep_until(self._clock.now() + GOING_DOWN_S)
         deadline = self._clock.now() + RESTART_PATIENCE_S
@@ -446,7 +452,7 @@ class DynamixelBus(ActuatorBus):
             if self._line.ping_all((servo.id,)):
                 return
             self._clock.sleep_until(self._clock.now() + 0.02)
-        raise BusTimeout(f"{servo.name} did not come back within {RESTART_PATIENCE_S:g} s of its restart")
+        raise BusTimeout(f"{name_of(servo)} did not come back within {RESTART_PATIENCE_S:g} s of its restart")
 
     @_noticing_loss
     def _set_latch(self, index: int, engaged: bool) -> None:

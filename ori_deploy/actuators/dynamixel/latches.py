@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import CommandRefused, HingeReadings, LatchReading
-from ori_deploy.actuators.dynamixel.line import Reply, ServoLine
-from ori_deploy.actuators.dynamixel.readings import hardware_error
-from ori_deploy.actuators.dynamixel.startup import clear_trip, read, write
+from ori_deploy.actuators.dynamixel.line import Replies, Reply, ServoLine
+from ori_deploy.actuators.dynamixel.readings import PIN, hardware_error
+from ori_deploy.actuators.dynamixel.startup import KEPT_RETURN_LEVEL, by_block_address, clear_trip, read, write
+from ori_deploy.actuators.dynamixel.throughput import PIN_BYTES, PIN_SIZES
 from ori_deploy.actuators.dynamixel.wiring import PinServo
 from ori_deploy.actuators.rig import Latch
 from ori_deploy.clock import Clock
@@ -58,8 +59,15 @@ class Latches:
         """Whether any of them is sensed by the hinges."""
         return any(latch.id not in self._pins for latch in self._latches)
 
-    def find(self, line: ServoLine) -> None:
-        """Take over from whoever worked the pins before: one that holds near its hole counts as engaged."""
+    def find(self, line: ServoLine, pins: Sequence[PinServo]) -> None:
+        """Take over from whoever worked the pins before: one that holds near its hole counts as engaged.
+
+        Parameters
+        ----------
+        pins
+            The same servos, with the registers of the firmware that they were found to have.
+        """
+        self._pins = {pin.latch: pin for pin in pins}
         for name, pin in self._pins.items():
             goal = read(line, pin.id, pin.model.table.goal_position)
             holds = bool(read(line, pin.id, pin.model.table.torque_enable))
@@ -102,34 +110,44 @@ class Latches:
             There are pins, and none of them answered.
         """
         by_id: dict[int, Reply] = {}
+        garbage = False
+        self._reads += 1
+        for address, ids in by_block_address(tuple(self._pins.values())).items():
+            replies = line.sync_read(address, PIN_BYTES + self._reads % PIN_SIZES, ids)
+            by_id |= dict(replies.by_id)
+            garbage |= replies.garbage
         if self._pins:
-            first = next(iter(self._pins.values())).model.table
-            ids = [pin.id for pin in self._pins.values()]
-            self._reads += 1
-            size = first.present_position.end - first.effort.address + self._reads % 3  # see DynamixelBus._turn
-            replies = line.sync_read(first.effort.address, size, ids)
-            replies.require_any("lock pins")
-            by_id = dict(replies.by_id)
+            Replies(by_id, garbage).require_any("lock pins")
         now = clock.now()
-        return tuple(self._reading(line, k, by_id, hinges, now) for k in range(len(self._latches)))
+        return tuple(self._reading(latch.id, by_id, hinges, k, now) for k, latch in enumerate(self._latches))
 
     def _reading(
-        self, line: ServoLine, k: int, by_id: dict[int, Reply], hinges: HingeReadings | None, now: float
+        self, name: str, by_id: dict[int, Reply], hinges: HingeReadings | None, k: int, now: float
     ) -> LatchReading:
-        name = self._latches[k].id
         pin = self._pins.get(name)
         if pin is None:
             return self._magnet(k, hinges)
         reply = by_id.get(pin.id)
         if reply is None:
             return LatchReading(name, self._engaged[name], None, valid=False, time_s=np.nan)
-        count = pin.model.table.present_position.decode(reply.data[6:10])
-        fault = None
-        if reply.alert:
-            errors = read(line, pin.id, pin.model.table.hardware_error_status)
-            fault = f"its servo (id {pin.id}) reports {hardware_error(errors).name}"
-        confirmed = _near(pin, count, pin.engaged_count)
+        shown = np.frombuffer(reply.data[: PIN.itemsize], dtype=PIN)[0]
+        fault = self._fault(pin, shown)
+        # Where the settings are gone, so is what the block shows; a pin that nobody holds is not known to stay.
+        confirmed = None if fault is not None else _near(pin, int(shown["position"]), pin.engaged_count)
         return LatchReading(name, self._engaged[name], confirmed, valid=True, time_s=now, fault=fault)
+
+    def _fault(self, pin: PinServo, shown: np.void) -> str | None:
+        """What is wrong with a pin's servo, or None."""
+        servo = f"its servo (id {pin.id})"
+        if shown["level"] != KEPT_RETURN_LEVEL:
+            return f"{servo} restarted and lost its settings"
+        if shown["error"]:
+            return f"{servo} reports {hardware_error(int(shown['error'])).name}"
+        if shown["watchdog"] < 0:
+            return f"{servo} heard nothing for too long and stopped where it was"
+        if self._engaged[pin.latch] and not shown["torque"]:
+            return f"{servo} has no torque, though it was told to hold the pin"
+        return None
 
     def _magnet(self, k: int, hinges: HingeReadings | None) -> LatchReading:
         """Closed when every hinge it depends on is measured within its capture range."""

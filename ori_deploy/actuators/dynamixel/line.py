@@ -261,7 +261,7 @@ class ServoLine:
         return Replies(by_id, garbage=self.port.heard > good * frame)
 
     def _as_expected(self, raw: bytes, size: int, ids: Sequence[int]) -> dict[int, Reply] | None:
-        """Replies when all came, in order, good, and without stuffing: the usual case, and ten times as quick.
+        """Replies when all came, in order, good, and without stuffing: the usual case, and the quick one.
 
         None in every other: then packets are looked for one by one.
         """

@@ -31,6 +31,9 @@ HEALTH = np.dtype(
 )
 """The registers of `startup.health_registers`, seen through indirect addresses."""
 
+PIN = np.dtype([("level", "u1"), ("torque", "u1"), ("error", "u1"), ("watchdog", "i1"), ("position", "<i4")])
+"""The registers of `startup.pin_registers`."""
+
 JUMP_TURNS = 0.5
 SPEED_SLACK = 1.5
 """A position farther than that from the last one, at 1.5 times the no-load speed, has not been turned to."""

@@ -7,6 +7,7 @@ needed, and read back. Nothing moves.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine, ServoRefused
@@ -15,6 +16,8 @@ from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, Pin
 from ori_deploy.wire.dynamixel import ControlTable, OperatingMode, Register, ServoModel
 from ori_deploy.wire.dynamixel.models import RPM, WATCHDOG_FIRMWARE
 from ori_deploy.wire.dynamixel.registers import ACCELERATION_UNIT_RPM2, VELOCITY_UNIT_RPM
+
+Servo = TypeVar("Servo", bound=HingeServo | PinServo)
 
 ATTEMPTS = 3
 """Times that a register is asked for or written before its servo counts as silent."""
@@ -46,8 +49,19 @@ def health_registers(table: ControlTable) -> tuple[Register, ...]:
     )
 
 
-def by_health_address(servos: Sequence[HingeServo]) -> dict[int, list[int]]:
-    """Ids by where their health block begins: families and firmwares differ."""
+def pin_registers(table: ControlTable) -> tuple[Register, ...]:
+    """What a lock pin's block shows, in order: eight bytes, the first as in `health_registers`."""
+    return (
+        table.status_return_level,
+        table.torque_enable,
+        table.hardware_error_status,
+        table.bus_watchdog,
+        table.present_position,
+    )
+
+
+def by_block_address(servos: Sequence[HingeServo | PinServo]) -> dict[int, list[int]]:
+    """Ids by where their indirect block begins: families and firmwares differ."""
     groups: dict[int, list[int]] = {}
     for servo in servos:
         groups.setdefault(servo.model.table.indirect.first_data, []).append(servo.id)
@@ -149,7 +163,7 @@ def _refuse_torque_at_startup(line: ServoLine, servo: HingeServo | PinServo) -> 
         )
 
 
-def restarted(line: ServoLine, servos: Sequence[HingeServo]) -> tuple[HingeServo, ...]:
+def restarted(line: ServoLine, servos: Sequence[Servo]) -> tuple[Servo, ...]:
     """Servos whose settings in RAM are gone: they restarted since `configure`."""
     return tuple(
         servo
@@ -243,7 +257,9 @@ def _wanted(
             low, high = sorted((servo.engaged_count, servo.released_count))
             yield table.min_position_limit, low
             yield table.max_position_limit, high
-    for k, address in enumerate(_health_addresses(table)):
+    shown = health_registers(table) if isinstance(servo, HingeServo) else pin_registers(table)
+    addresses = (address for register in shown for address in range(register.address, register.end))
+    for k, address in enumerate(addresses):
         yield table.indirect.pointer(k), address
 
 
@@ -263,10 +279,6 @@ def _current(model: ServoModel, limit_a: float) -> Iterator[tuple[Register, int]
     if table.current_limit is None or table.goal_current is None or model.current_unit_a is None:
         raise ValueError(f"an {model.name} has no current registers")  # the wiring refused such a mode
     units = min(max(1, round(limit_a / model.current_unit_a)), table.current_limit.maximum or 0)
-    # The limit bounds the goal, so whichever has to grow first goes first.
+    # The limit bounds the goal, so it goes first.
     yield table.current_limit, units
     yield table.goal_current, units
-
-
-def _health_addresses(table: ControlTable) -> tuple[int, ...]:
-    return tuple(address for register in health_registers(table) for address in range(register.address, register.end))

@@ -21,6 +21,11 @@ STATE_BYTES = 10
 """Present current or load, velocity and position: 126 to 135."""
 
 HEALTH_BYTES = 7
+PIN_BYTES = 8
+"""The indirect blocks of hinges and of lock pins; see `startup`."""
+
+STATE_SIZES, HEALTH_SIZES, PIN_SIZES = 5, 3, 3
+"""Sizes that repeated reads go through, each a byte longer: a late reply to one of the last has another size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +106,9 @@ def cycle_time(wiring: Wiring, times: WireTimes, *, fast: bool) -> CycleTime:
     n, n_pins = len(wiring.hinges), len(wiring.pins)
     return CycleTime(
         goals=times.sync_write_s(n, GOAL_BYTES),
-        state=times.sync_read_s(n, STATE_BYTES, fast=fast),
-        health=times.sync_read_s(n, HEALTH_BYTES, fast=fast),
-        pins=times.sync_read_s(n_pins, STATE_BYTES, fast=False),
+        state=times.sync_read_s(n, STATE_BYTES + STATE_SIZES - 1, fast=fast),
+        health=times.sync_read_s(n, HEALTH_BYTES + HEALTH_SIZES - 1, fast=fast),
+        pins=times.sync_read_s(n_pins, PIN_BYTES + PIN_SIZES - 1, fast=False),
     )
 
 

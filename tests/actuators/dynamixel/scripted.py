@@ -58,9 +58,9 @@ class ScriptedPort:
                 self.sent.append(request)
                 reply = self._answer(request)
                 if reply is None:
+                    master, self._master = self._master, -1  # before the host can see that it is gone
                     os.close(self._slave)
-                    os.close(self._master)
-                    self._master = -1
+                    os.close(master)
                     return
                 os.write(self._master, reply)
 
@@ -79,3 +79,5 @@ class ScriptedPort:
             os.close(self._slave)
             self._thread.join(5.0)
             os.close(self._master)
+        else:
+            self._thread.join(5.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from ori_deploy.actuators.bus import (
     WatchdogTripped,
 )
 from ori_deploy.actuators.dynamixel.adapter import latency_advice, latency_timer_s
+from ori_deploy.actuators.dynamixel.bus import REARM_EVERY
 from ori_deploy.errors import RigError
+from sim_backends.dynamixel.launcher import VirtualBus
 from tests.actuators.dynamixel.virtual import N, Setup, servos
 
 STEP = np.array([0.3, -0.3, 0.2])
@@ -452,3 +455,81 @@ def test_a_magnet_is_what_its_hinges_measure(tmp_path: Path) -> None:
         time.sleep(0.02)  # what was read in this cycle is still good
         reading = setup.bus.read_latches()[magnet]
         assert (reading.valid, reading.confirmed) == (False, None)
+
+
+@pytest.mark.parametrize(
+    ("harm", "words"),
+    [
+        (lambda bus: bus.set_register(20, "torque_enable", 0), "no torque"),
+        (lambda bus: bus.reboot(20), "restarted"),
+        (lambda bus: bus.overload(20), "OVERLOAD"),
+    ],
+    ids=["limp", "restarted", "overload"],
+)
+def test_a_pin_that_nobody_holds_is_not_confirmed_and_clearing_mends_it(
+    tmp_path: Path, harm: Callable[[VirtualBus], None], words: str
+) -> None:
+    """It still stands in its hole; that it stays there nobody can say."""
+    with servos(tmp_path, start_fold=1.0, watchdog_s=0.0) as setup:
+        setup.bus.connect()
+        speed = setup.virtual.register(20, "profile_velocity")
+        assert speed > 0
+        setup.bus.engage("pin")
+        time.sleep(0.5)
+        assert setup.bus.read_latches()[0].confirmed
+        harm(setup.virtual)
+        time.sleep(0.5)
+        reading = setup.bus.read_latches()[0]
+        assert (reading.valid, reading.confirmed) == (True, None)
+        assert reading.fault is not None
+        assert words in reading.fault
+        setup.bus.reset_errors()
+        assert setup.virtual.register(20, "profile_velocity") == speed
+        setup.bus.engage("pin")
+        time.sleep(0.5)
+        reading = setup.bus.read_latches()[0]
+        assert (reading.confirmed, reading.fault) == (True, None)
+
+
+def test_a_pin_that_was_stopped_stays_so_when_the_bus_is_let_go_of(tmp_path: Path) -> None:
+    with servos(tmp_path, start_fold=1.0, watchdog_s=0.08) as setup:
+        setup.bus.connect()
+        setup.bus.engage("pin")
+        time.sleep(0.4)
+        stopped = setup.virtual.truth()[20]
+        assert stopped.frozen
+        assert "heard nothing" in str(setup.bus.read_latches()[0].fault)
+        setup.bus.close()
+        time.sleep(0.3)
+        assert setup.virtual.truth()[20].shaft_rad == pytest.approx(stopped.shaft_rad, abs=0.01)
+
+
+def test_a_watchdog_that_was_missed_is_set_again_on_the_way(tmp_path: Path) -> None:
+    with servos(tmp_path) as setup:
+        goal = hold(setup)
+        setup.bus.command_hinges(goal)
+        setup.virtual.set_register(2, "bus_watchdog", 0)
+        for _ in range(REARM_EVERY):
+            setup.bus.command_hinges(goal)
+        assert setup.virtual.register(2, "bus_watchdog") == 25
+
+
+def test_a_change_of_mode_takes_the_word_back(tmp_path: Path) -> None:
+    with servos(tmp_path, turns=True, start_fold=0.8) as setup:
+        setup.bus.connect()
+        setup.bus.vouch(np.array([setup.virtual.truth()[i].shaft_rad for i in (1, 2, 3)]), np.full(N, 0.1))
+        setup.bus.close()
+        setup.virtual.set_register(2, "operating_mode", 3)
+        second = setup.again()
+        second.connect()
+        assert second.unvouched() == ("servo_c2",)
+        second.close()
+
+
+def test_no_tolerance_is_so_wide_that_any_place_within_a_turn_will_do(tmp_path: Path) -> None:
+    """With a gear of 100, 0.05 rad of crease is almost a turn of the shaft."""
+    with servos(tmp_path, turns=True, start_fold=0.8) as setup:
+        setup.bus.connect()
+        true = np.array([setup.virtual.truth()[i].shaft_rad for i in (1, 2, 3)])
+        with pytest.raises(CommandRefused, match=r"limit: 1\.571 rad"):
+            setup.bus.vouch(true + 2.5, np.full(N, 5.0))

@@ -50,8 +50,8 @@ def test_the_longest_cycle_holds_everything_that_is_asked_for() -> None:
     found = wiring()  # three hinges, one pin
     cycle = cycle_time(found, FAST, fast=False)
     assert cycle.longest_s == pytest.approx(
-        FAST.sync_write_s(3, 4) + FAST.sync_read_s(3, 10, fast=False)
-        + FAST.sync_read_s(3, 7, fast=False) + FAST.sync_read_s(1, 10, fast=False)
+        FAST.sync_write_s(3, 4) + FAST.sync_read_s(3, 14, fast=False)
+        + FAST.sync_read_s(3, 9, fast=False) + FAST.sync_read_s(1, 10, fast=False)
     )  # fmt: skip
     assert cycle.usual_s < cycle.longest_s
 
