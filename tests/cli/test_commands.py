@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from ori_deploy.cli import session
+from ori_deploy.cli import main, session
 from ori_deploy.cli.session import StopRequest, run_command
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.states import State
@@ -42,12 +43,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_help_lists_every_command_and_each_has_an_example(tmp_path: Path) -> None:
-    listing = run("--help", cwd=tmp_path).stdout
+def test_help_lists_every_command_and_each_has_an_example() -> None:
+    def page(*words: str) -> str:
+        return CliRunner().invoke(main, [*words, "--help"], prog_name="ori-deploy").output
+
+    listing = page()
     for name in COMMANDS:
         assert f"\n  {name} " in listing
-        page = run(name, "--help", cwd=tmp_path).stdout
-        assert f"ori-deploy {name} " in page.split("Example:")[1]
+        assert f"ori-deploy {name} " in page(name).split("Example:")[1]
 
 
 def test_files_in_files_out(made: Path) -> None:

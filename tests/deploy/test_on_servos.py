@@ -41,6 +41,7 @@ def shafts(setup: Setup) -> np.ndarray:
     return np.array([truth[i].shaft_rad for i in (1, 2, 3)])
 
 
+@pytest.mark.slow
 def test_deploys_with_a_pin_and_magnets_and_stows_again(tmp_path: Path) -> None:
     with controlled(tmp_path) as (setup, controller):
         controller.deploy()

@@ -398,6 +398,7 @@ def test_health_registers_spread_over_the_table_come_in_one_read(tmp_path: Path)
         assert setup.virtual.account().reads == before + 1
 
 
+@pytest.mark.slow
 def test_an_overheated_servo_is_not_reset_before_it_has_cooled(tmp_path: Path) -> None:
     with servos(tmp_path) as setup:
         setup.bus.connect()
@@ -411,6 +412,7 @@ def test_an_overheated_servo_is_not_reset_before_it_has_cooled(tmp_path: Path) -
         assert not setup.bus.read_health().hardware_error.any()
 
 
+@pytest.mark.slow
 def test_a_pin_goes_home_only_when_its_hinges_are_there(tmp_path: Path) -> None:
     for fold, closed in ((0.5, False), (1.0, True)):
         with servos(tmp_path, start_fold=fold, watchdog_s=0.0) as setup:
@@ -439,6 +441,7 @@ def test_a_pin_that_holds_is_known_to_the_next_host(tmp_path: Path) -> None:
         second.close()
 
 
+@pytest.mark.slow
 def test_a_magnet_is_what_its_hinges_measure(tmp_path: Path) -> None:
     """The magnet is on cell c1 alone: the others do not matter to it."""
     with servos(tmp_path, start_fold=1.0, watchdog_s=0.0) as setup:
@@ -457,6 +460,7 @@ def test_a_magnet_is_what_its_hinges_measure(tmp_path: Path) -> None:
         assert (reading.valid, reading.confirmed) == (False, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("harm", "words"),
     [

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ori_deploy.actuators.dynamixel.throughput import WireTimes, check_rate, cycle_time
+from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
+from ori_deploy.actuators.dynamixel.throughput import WireTimes, check_rate, cycle_time, planned_times
+from ori_deploy.actuators.dynamixel.wiring import HingeServo, Wiring
 from ori_deploy.errors import RigError
+from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from tests.actuators.dynamixel.scripted import ScriptedPort, status
 from tests.actuators.dynamixel.test_line import fast_reply
 from tests.actuators.dynamixel.test_wiring import wiring
@@ -77,3 +83,21 @@ def test_the_remedy_is_one_that_helps(times: WireTimes, fast: bool, rate_hz: flo
     with pytest.raises(RigError) as caught:
         check_rate(wiring(), times, rate_hz, fast=fast, source=None)
     assert remedy in str(caught.value).split("remedy:")[1]
+
+
+def test_the_hardware_page_has_the_rates_that_are_computed() -> None:
+    """Section 7: rounded down, plain / fast."""
+    page = (Path(__file__).parents[3] / "docs" / "hardware-dynamixel.md").read_text()
+    head, *rows = re.findall(r"^\| (servos|\d+) \| (.+) \|$", page.split("## 7.")[1].split("## 8.")[0], re.MULTILINE)
+    assert head == ("servos", "57600 | 1 M | 3 M | 4 M")
+    assert len(rows) == 4
+    model = model_named("XM430-W350")
+    for count, cells in rows:
+        hinges = tuple(
+            HingeServo(f"s{i}", i, model, OperatingMode.POSITION, 0, 4095) for i in range(1, int(count) + 1)
+        )
+        for baud, cell in zip((57_600, 1_000_000, 3_000_000, 4_000_000), cells.split(" | "), strict=True):
+            rig = Wiring(DynamixelSettings(port="none", baud=baud), hinges, ())
+            for fast, text in zip((False, True), cell.split(" / "), strict=True):
+                rate = cycle_time(rig, planned_times(rig), fast=fast).rate_hz
+                assert 0.0 <= rate - float(text) < (0.1 if "." in text else 1.0), (count, baud, fast)
