@@ -134,6 +134,7 @@ def test_colliding_slit_is_refused_and_leaves_no_plan(tmp_path: Path) -> None:
     assert not (tmp_path / "graze.plan.json").exists()
 
 
+@pytest.mark.slow
 def test_demo_leaves_everything_it_promises(tmp_path: Path) -> None:
     done = run("demo", EXAMPLES / "ellipse_6.toml", "-o", "demo", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -150,7 +151,14 @@ def test_demo_leaves_everything_it_promises(tmp_path: Path) -> None:
         assert row in done.stdout
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGINT,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+    ],
+)
 def test_interruption_brings_it_to_rest_and_keeps_the_log(made: Path, tmp_path: Path, number: signal.Signals) -> None:
     command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(made / "wing.plan.json")]
     command += ["--rig", str(EXAMPLES / "rig_mock.toml"), "--log", "cut.mcap", "--realtime"]

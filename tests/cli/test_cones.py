@@ -28,6 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return where
 
 
+@pytest.mark.slow  # a cone's interference, and a report of it
 def test_every_step_leaves_its_file(folder: Path) -> None:
     design = json.loads((folder / "c.design.json").read_text())
     assert design["kind"] == "cone"
@@ -41,6 +42,7 @@ def test_every_step_leaves_its_file(folder: Path) -> None:
     assert "m from the apex" in (folder / "c.html").read_text()
 
 
+@pytest.mark.slow  # with the design of the test before
 def test_poses_tell_rotations_about_the_apex(folder: Path) -> None:
     told = run("poses", "c.design.json", "--fold", "0.3", cwd=folder)
     assert told.returncode == 0, told.stderr

@@ -125,6 +125,7 @@ def test_a_preview_leaves_the_real_figure_alone_and_says_what_it_is(tmp_path: Pa
     assert HEAD not in (tmp_path / "fig4d.svg").read_text()
 
 
+@pytest.mark.slow
 def test_ctrl_c_on_a_terminal_ends_workers_too(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [

@@ -33,6 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_deploy_waits_for_the_word_and_stow_gives_it(made: Path) -> None:
     refused = run("deploy", "wing.plan.json", "--rig", RIG, "--log", "none.mcap", cwd=made)
     assert refused.returncode == 2

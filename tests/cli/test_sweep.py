@@ -89,6 +89,7 @@ def test_every_row_has_its_place_in_the_grid_and_a_second_run_has_nothing_to_do(
     assert {p.name for p in tmp_path.iterdir()} == {"a.parquet"}
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path) -> None:
     process = begun(tmp_path, 400, 2)
     workers = children(process)

@@ -38,6 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "state"), [("deploy", "deployed"), ("stow", "stowed")])
 def test_a_cone_deploys_and_stows(folder: Path, command: str, state: str) -> None:
     done = run(command, "cone.plan.json", "--rig", EXAMPLES / "rig_mock.toml", cwd=folder)
@@ -46,12 +47,14 @@ def test_a_cone_deploys_and_stows(folder: Path, command: str, state: str) -> Non
     assert f"state {state}" in done.stdout
 
 
+@pytest.mark.slow
 def test_its_plan_tells_metres_at_the_outer_radius(folder: Path) -> None:
     design, plan = (json.loads((folder / f"cone.{kind}.json").read_text()) for kind in ("design", "plan"))
     assert design["r_max_m"] == 0.4
     assert plan["check"]["allowed_penetration_m"] == pytest.approx(0.4 * 1.0 * 1e-4, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_its_poses_are_motions_of_space_about_the_apex(folder: Path) -> None:
     told = json.loads(run("poses", "cone.design.json", "--fold", "0.4", "--json", cwd=folder).stdout)
     design = json.loads((folder / "cone.design.json").read_text())

@@ -136,7 +136,16 @@ def test_step_tolerance_of_the_wing_is_the_published_one_at_the_end() -> None:
     assert steps.seating_depth_m < 0.003
 
 
-@pytest.mark.parametrize("name", ["wing", "ellipse 4", "ellipse 7 off centre", "two inner vertices", "two cells"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "wing",
+        "ellipse 4",
+        pytest.param("ellipse 7 off centre", marks=pytest.mark.slow),
+        "two inner vertices",
+        "two cells",
+    ],
+)
 def test_random_states_within_the_tolerance_are_free(name: str) -> None:
     check = interference(name)
     steps = step_tolerance(check)

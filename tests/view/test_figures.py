@@ -32,7 +32,7 @@ def texts(figure: Figure) -> list[str]:
     return [t.get_text() for axes in figure.axes for t in axes.texts]
 
 
-@pytest.mark.parametrize("n_cells", [3, 6, 12, 24])
+@pytest.mark.parametrize("n_cells", [3, 6, 12, pytest.param(24, marks=pytest.mark.slow)])
 def test_section_shows_every_panel_bond_slit_cell_and_vertex_of_a_ring(n_cells: int) -> None:
     structure = ring_structure(n_cells)
     layout = structure.layout
@@ -58,7 +58,7 @@ def test_section_of_the_wing_is_true_to_scale_and_covers_the_profile(wing: Struc
     assert axes.get_xlim()[1] > 250.0
 
 
-@pytest.mark.parametrize("n_cells", [3, 7, 12, 24])
+@pytest.mark.parametrize("n_cells", [3, 7, 12, pytest.param(24, marks=pytest.mark.slow)])
 def test_names_of_outline_vertices_lie_inside_the_figure_and_apart(n_cells: int) -> None:
     structure = ring_structure(n_cells)
     figure = draw_section(structure)

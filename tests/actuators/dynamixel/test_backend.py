@@ -512,9 +512,11 @@ def test_a_watchdog_that_was_missed_is_set_again_on_the_way(tmp_path: Path) -> N
     with servos(tmp_path) as setup:
         goal = hold(setup)
         setup.bus.command_hinges(goal)
+        setup.bus.read_hinges()  # answered, so what was written before has arrived
         setup.virtual.set_register(2, "bus_watchdog", 0)
         for _ in range(REARM_EVERY):
             setup.bus.command_hinges(goal)
+        setup.bus.read_hinges()
         assert setup.virtual.register(2, "bus_watchdog") == 25
 
 
