@@ -43,7 +43,7 @@ class NullBus(ActuatorBus):
 
     def _close(self) -> None: ...
 
-    def _write_goals(self, position_rad: np.ndarray) -> None:
+    def _write_goals(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray | None) -> None:
         self._position = position_rad
 
     def _set_torque(self, on: bool) -> None: ...

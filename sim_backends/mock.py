@@ -249,7 +249,8 @@ class MockBus(ActuatorBus):
     def _close(self) -> None:
         self._advance()
 
-    def _write_goals(self, position_rad: FloatArray) -> None:
+    def _write_goals(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None) -> None:
+        del velocity_rad_s  # these servos know only where to go
         self._require_plug()
         self._advance()
         self._servos.goal_rad = np.array(position_rad, dtype=np.float64)

@@ -260,7 +260,7 @@ class ActuatorBus(ABC):
                 f"torque stays off: no valid position from {self._names(~known)}; remedy: check its power and wiring"
             )
         self._check_goals(readings.position_rad)
-        self._write_goals(readings.position_rad)
+        self._write_goals(readings.position_rad, None)
         self._set_torque(True)
         return readings.position_rad
 
@@ -269,13 +269,20 @@ class ActuatorBus(ABC):
         self._require_connection()
         self._set_torque(False)
 
-    def command_hinges(self, position_rad: FloatArray) -> None:
+    @property
+    def delay_s(self) -> float:
+        """How long after `command_hinges` a goal is due: 0 unless the bus queues goals ahead."""
+        return 0.0
+
+    def command_hinges(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None = None) -> None:
         """Send a goal to every hinge.
 
         Parameters
         ----------
         position_rad
             (n_hinges,) shaft positions.
+        velocity_rad_s
+            (n_hinges,) how fast the shafts move there, for buses that interpolate; None to come to rest.
 
         Raises
         ------
@@ -286,7 +293,11 @@ class ActuatorBus(ABC):
         """
         self._require_connection()
         self._check_goals(position_rad)
-        self._write_goals(position_rad)
+        if velocity_rad_s is not None and not (
+            np.shape(velocity_rad_s) == self._lower.shape and np.isfinite(velocity_rad_s).all()
+        ):
+            raise CommandRefused(f"velocities must be finite, shape {self._lower.shape}; nothing was sent")
+        self._write_goals(position_rad, velocity_rad_s)
 
     def read_hinges(self) -> HingeReadings:
         """Read every hinge. A hinge that fails alone comes back invalid.
@@ -370,7 +381,7 @@ class ActuatorBus(ABC):
     def _close(self) -> None: ...
 
     @abstractmethod
-    def _write_goals(self, position_rad: FloatArray) -> None: ...
+    def _write_goals(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None) -> None: ...
 
     @abstractmethod
     def _set_torque(self, on: bool) -> None: ...

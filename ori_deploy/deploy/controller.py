@@ -78,7 +78,7 @@ class Controller:
         self._plan, self._rig, self._clock = plan, rig, clock
         self._settings = rig.controller
         self._attempts = self._settings.lost_replies_allowed + 1
-        self._pacer = Pacer(clock, rig.rate_hz)
+        self._pacer = Pacer(clock, rig.rate_hz, bus.delay_s)
         self._table = PathTable.build(plan, rig)
         self._localiser = Localiser(self._table)
         self._motion = Motion(self._table, rig)
@@ -117,7 +117,7 @@ class Controller:
     def under_way(self) -> bool:
         """Whether `step` still has something to bring to its end."""
         active = self.state in (State.MOVING, State.LATCHING, State.STOPPING)
-        return active or not self._motion.at_rest
+        return active or not self._at_rest
 
     def add_observer(self, observer: Observer) -> None:
         """Call `observer` with the record of every cycle from now on."""
@@ -294,7 +294,7 @@ class Controller:
     def _judge(self, readings: HingeReadings, folds: FloatArray, now: float) -> None:
         self._trip(self._monitor.judge_replies(readings, folds, self._clock.now()))
         if self._holding:
-            self._trip(self._monitor.judge_tracking(readings, self._motion.goal, now))
+            self._trip(self._monitor.judge_tracking(readings, self._link.due(now), now))
         self._rate_limit = 1.0
         if self.state not in IN_MOTION:
             return
@@ -336,7 +336,7 @@ class Controller:
         else:
             self._motion.advance(self._rate_limit if self.state is State.MOVING else 0.0)
         if self._holding:
-            self._link.command_hinges(self._motion.goal, now)
+            self._link.command_hinges(self._motion.goal, self._motion.velocity, now)
 
     def _finish_stage(
         self, readings: HingeReadings, health: HealthReadings | None, latches: Latches | None, now: float
@@ -345,7 +345,7 @@ class Controller:
 
         Returns the health, which is read for any claim that the structure is secured.
         """
-        if self.state is State.STOPPING and self._motion.at_rest:
+        if self.state is State.STOPPING and self._at_rest:
             self._fire(Event.AT_REST)
         elif self.state is State.MOVING and self._motion.arrived:
             self._next_stage(Event.ARRIVED, now)
@@ -425,6 +425,11 @@ class Controller:
     # -- inside --------------------------------------------------------------------------------------
 
     @property
+    def _at_rest(self) -> bool:
+        """Whether nothing moves: no goal does, and none that is still queued."""
+        return self._motion.at_rest and self._link.at_rest(self._clock.now())
+
+    @property
     def _holding(self) -> bool:
         """Whether the hinges were told to hold, and can be told more."""
         return self._motion.holding and not self._link.lost
@@ -434,7 +439,7 @@ class Controller:
 
     def _require_rest(self, command: Event) -> None:
         self._machine.require(command)
-        if not self._motion.at_rest:
+        if not self._at_rest:
             raise IllegalCommand(self.state, command, "still slowing down")
 
     def _trip(self, fault: Fault | None) -> None:
@@ -489,8 +494,9 @@ class Controller:
             self._trip(fault)
         try:
             self.step()  # at rest as well: observers must see the fault
-            for _ in range(math.ceil(2.0 * self._rig.rate_hz / self._motion.slew_per_s) + 10):
-                if self._motion.at_rest:
+            patience_s = 2.0 / self._motion.slew_per_s + self._link.bus.delay_s
+            for _ in range(math.ceil(patience_s * self._rig.rate_hz) + 10):
+                if self._at_rest:
                     return
                 self.step()
             log.error("not at rest after twice the time of the ramp: goals stay as last sent")

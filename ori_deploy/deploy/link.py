@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -64,6 +65,8 @@ class Link:
         self._trip = trip
         self._clock = clock
         self._max_age_s = max_age_s
+        self._sent: deque[tuple[float, FloatArray]] = deque()
+        self._moving_until = -np.inf
         self._latches = tuple(LatchReading(name, False, None, valid=False, time_s=np.nan) for name in bus.latch_ids)
 
     def connect(self) -> None:
@@ -107,13 +110,30 @@ class Link:
                 self._fail(error, now)
         return None
 
-    def command_hinges(self, goal: FloatArray, now: float) -> None:
-        """Send goals."""
+    def command_hinges(self, goal: FloatArray, velocity: FloatArray, now: float) -> None:
+        """Send goals, and how fast the shafts move there."""
         if not self.lost:
             try:
-                self.bus.command_hinges(goal)
+                self.bus.command_hinges(goal, velocity)
             except BusError as error:
                 self._fail(error, now)
+                return
+            self._sent.append((now + self.bus.delay_s, goal))
+            if velocity.any():
+                self._moving_until = now + self.bus.delay_s
+
+    def due(self, now: float) -> FloatArray:
+        """(n_hinges,) goals that are due now: the last ones, or earlier ones while the bus queues ahead."""
+        sent = self._sent
+        while len(sent) > 1 and sent[1][0] <= now:
+            sent.popleft()
+        (begin, first), (end, second) = sent[0], sent[min(1, len(sent) - 1)]
+        part = min(max((now - begin) / (end - begin), 0.0), 1.0) if end > begin else 0.0
+        return first if part == 0.0 else first + part * (second - first)
+
+    def at_rest(self, now: float) -> bool:
+        """Whether no goal that was sent and is still to come moves."""
+        return self.bus.delay_s == 0.0 or self.lost or now >= self._moving_until
 
     def command_latches(self, work: LatchWork, now: float) -> None:
         """Send a round of latch commands."""
@@ -144,7 +164,9 @@ class Link:
             readings = self.fresh_readings(attempts)
         except StartRefused as error:
             raise CommandRefused(f"torque stays off: {error}") from error
-        return self.bus.enable_torque(readings)
+        goal = self.bus.enable_torque(readings)
+        self._sent = deque([(self._clock.now(), goal)])
+        return goal
 
     def fresh_health(self, attempts: int) -> HealthReadings:
         """Health that every hinge told. Raises as `fresh_readings` does."""

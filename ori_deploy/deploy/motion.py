@@ -106,6 +106,12 @@ class Approach:
         position: FloatArray = self._start + u * u * (3.0 - 2.0 * u) * self._way
         return position
 
+    def velocity(self) -> FloatArray:
+        """(n_hinges,) shaft velocities now."""
+        u = self.variable.position / self._duration_s
+        velocity: FloatArray = (6.0 * u * (1.0 - u) / self._duration_s * self.variable.rate) * self._way
+        return velocity
+
 
 def rate_slew(table: PathTable, rig: ResolvedRig) -> float:
     """Slope of the path rate, 1/s, for a controlled stop.
@@ -202,6 +208,15 @@ class Motion:
     def fold(self) -> float:
         """Fold at that place; NaN while it is not known."""
         return self._table.fold_at(self._path.position) if self._placed else np.nan
+
+    @property
+    def velocity(self) -> FloatArray:
+        """(n_hinges,) how fast the shafts move at their goals."""
+        if self._approach is not None:
+            return self._approach.velocity()
+        if self._placed and not self.at_rest:
+            return self._path.rate * self._table.shaft_rate_at(self._path.position)
+        return np.zeros_like(self.goal)
 
     def advance(self, rate: float) -> None:
         """One period on, the rate brought towards `rate` (0 to 1) in the direction of the motion."""

@@ -19,6 +19,8 @@ class Pacer:
         Where time comes from.
     rate_hz
         Of the cycles.
+    queued_s
+        For so long the servos go on without a command.
 
     Attributes
     ----------
@@ -28,10 +30,11 @@ class Pacer:
         Deadlines that passed while a motion was under way.
     """
 
-    def __init__(self, clock: Clock, rate_hz: float) -> None:
+    def __init__(self, clock: Clock, rate_hz: float, queued_s: float = 0.0) -> None:
         self._clock = clock
         self.period_s = 1.0 / rate_hz
         self.overruns = 0
+        self._patience_s = max((GAP_PERIODS + 0.01) * self.period_s, queued_s)
         self._deadline = -np.inf
         self._sent = -np.inf
 
@@ -54,6 +57,6 @@ class Pacer:
     def sent(self) -> bool:
         """Note that a command goes out now; True when none has for so long that the servos stand."""
         now = self._clock.now()
-        gap = now - self._sent > (GAP_PERIODS + 0.01) * self.period_s
+        gap = now - self._sent > self._patience_s
         self._sent = now
         return gap

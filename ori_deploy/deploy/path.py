@@ -62,6 +62,14 @@ class PathTable:
         )
         return position
 
+    def shaft_rate_at(self, path_time_s: float) -> FloatArray:
+        """(n_hinges,) shaft rates at full rate: the derivative of `shaft_at`."""
+        i, width, u = self._locate(path_time_s)
+        way = (6.0 * u * (1.0 - u) / width) * (self.shaft_rad[i + 1] - self.shaft_rad[i])
+        begin, end = (1.0 - u) * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
+        rate: FloatArray = way + begin * self.shaft_rate_rad_s[i] + end * self.shaft_rate_rad_s[i + 1]
+        return rate
+
     def fold_at(self, path_time_s: float) -> float:
         """Fold variable, by linear interpolation."""
         i, _, u = self._locate(path_time_s)

@@ -292,7 +292,7 @@ class DynamixelBus(ActuatorBus):
             self._port.close()
 
     @_noticing_loss
-    def _write_goals(self, position_rad: FloatArray) -> None:
+    def _write_goals(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None) -> None:
         self._goal = CENTRE_COUNT + np.rint(position_rad / RAD_PER_COUNT).astype(np.int64)
         self._send_goals()
 

@@ -1,0 +1,23 @@
+/* The fault table: what each reason does, and what ends it. */
+#ifndef ORI_FAULTS_H
+#define ORI_FAULTS_H
+
+#include "wire.h"
+
+typedef enum {
+    CLEARABLE,      /* by ORI_FAULT_CLEAR, once its cause is gone */
+    UNTIL_CONFIGURED, /* by a new configuration */
+    PERMANENT       /* by cycling power */
+} fault_end_t;
+
+fault_end_t fault_end(uint8_t fault);
+
+/* The latched fault: the first one stays. */
+uint8_t fault_latched(void);
+uint8_t fault_index(void);
+
+/* Latch a fault unless one is. Returns whether it was latched now. */
+bool fault_trip(uint8_t fault, uint8_t index);
+void fault_forget(void);
+
+#endif

@@ -1,0 +1,25 @@
+/* Latches: electromagnets with a thermal limit, lock pins on a servo, passive magnets; and their sensors.
+ *
+ * Silence of the host and faults of the hinges move no latch. An electromagnet that is on for too long lets go by
+ * itself and cools before it may be engaged again.
+ */
+#ifndef ORI_LATCHES_H
+#define ORI_LATCHES_H
+
+#include "config.h"
+
+/* Every output off, nothing sensed. */
+void latches_init(void);
+
+/* Close or open a latch. Returns an ORI_RESULT. */
+uint8_t latches_command(uint8_t index, bool engage);
+
+/* One step of ORI_FRAME_US. Returns a mask of the latches that tripped in it. */
+uint8_t latches_step(void);
+
+/* Whether any electromagnet or pin is engaged by an output. */
+bool latches_driven(void);
+
+void latches_report(mavlink_ori_latch_state_t *report);
+
+#endif

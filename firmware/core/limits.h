@@ -1,0 +1,19 @@
+/* What the configuration allows a hinge to be asked for. The host cannot command more. */
+#ifndef ORI_LIMITS_H
+#define ORI_LIMITS_H
+
+#include "config.h"
+#include "queue.h"
+
+typedef struct {
+    uint8_t fault; /* ORI_FAULT_NONE when all is well */
+    uint8_t hinge;
+} verdict_t;
+
+/* A knot by itself: ranges and velocities. */
+verdict_t limits_of_knot(const knot_t *knot);
+
+/* The spline between two knots that are good by themselves: its speed and acceleration everywhere. */
+verdict_t limits_of_segment(const knot_t *a, const knot_t *b);
+
+#endif
