@@ -44,6 +44,7 @@ class NullBus(ActuatorBus):
     def _close(self) -> None: ...
 
     def _write_goals(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray | None) -> None:
+        del velocity_rad_s
         self._position = position_rad
 
     def _set_torque(self, on: bool) -> None: ...

@@ -90,6 +90,7 @@ def test_geometry_does_no_io_and_reads_no_clock(room: str) -> None:
 
 
 def test_files_are_one_idea_long() -> None:
-    long = [p for p in (ROOT / "ori_deploy").rglob("*.py") if len(p.read_text().splitlines()) > 500]
-    long += [p for p in (ROOT / "sim_backends").rglob("*.py") if len(p.read_text().splitlines()) > 500]
-    assert not long
+    ours = [
+        p for top in ("ori_deploy", "sim_backends") for p in (ROOT / top).rglob("*.py") if "generated" not in p.parts
+    ]
+    assert not [p for p in ours if len(p.read_text().splitlines()) > 500]

@@ -96,9 +96,8 @@ class Controller:
         self._work: LatchWork | None = None
         self._rate_limit = 1.0
 
-        self._cycles = 0
+        self._cycles, self._health_due = 0, -np.inf
         self._was_under_way = False  # at the end of the last cycle
-        self._health_due = -np.inf
         self._since = (0.0, 0, 0, 0)  # time, cycles, overruns and lost replies when the command came
 
     # -- what it is doing ----------------------------------------------------------------------------
@@ -205,7 +204,8 @@ class Controller:
             self._motion.let_go()
             target = State.DISCONNECTED
         else:
-            target = self._reset_actuators()
+            self._motion.stand(self._link.reset_actuators(self._attempts, self._motion.holding))
+            target = State.ARMED if self._motion.holding else State.READY
         self._fault = None
         self._command = self._stage = None
         self._monitor.restart()
@@ -316,10 +316,9 @@ class Controller:
 
     def _check_latches(self, now: float) -> Latches | None:
         """Read the latches, every cycle while they are worked on and as often as the health otherwise."""
-        due = now >= self._health_due
-        if due:
+        if now >= self._health_due:
             self._health_due = now + self._settings.health_period_s - 0.5 * self._pacer.period_s
-        if not (due or self.state is State.LATCHING):
+        elif self.state is not State.LATCHING:
             return None
         latches = self._link.read_latches(now)
         if latches is not None:
@@ -478,29 +477,20 @@ class Controller:
         self._work = None
         self._stage_started = now
 
-    def _reset_actuators(self) -> State:
-        """Clear the actuators' own errors. Those that hold go on holding, where they are measured now."""
-        self._link.bus.reset_errors()
-        if self._motion.holding and self._link.bus.read_health().torque_on.all():
-            self._motion.stand(self._link.torque_on(self._attempts))
-            return State.ARMED
-        self._motion.let_go()
-        return State.READY
-
     def _interrupt(self, reason: str) -> None:
         """Latch a fault and come to rest along the path, as far as the bus still lets us."""
         fault = Fault(FaultKind.INTERRUPTED, "controller", reason, "clear the fault", self._clock.now())
         if self.state in IN_MOTION:
             self._trip(fault)
+        why = "not at rest after twice the time of the ramp"
+        patience_s = 2.0 / self._motion.slew_per_s + self._link.bus.delay_s
         try:
             self.step()  # at rest as well: observers must see the fault
-            patience_s = 2.0 / self._motion.slew_per_s + self._link.bus.delay_s
             for _ in range(math.ceil(patience_s * self._rig.rate_hz) + 10):
                 if self._at_rest:
                     return
                 self.step()
-            log.error("not at rest after twice the time of the ramp: goals stay as last sent")
-            self._motion.halt()
         except BaseException as error:  # noqa: BLE001  the first error is the one that gets raised
-            log.error("could not come to rest along the path (%r): goals stay as last sent", error)
-            self._motion.halt()
+            why = f"could not come to rest along the path ({error!r})"
+        log.error("%s: goals stay as last sent", why)
+        self._motion.halt()

@@ -168,6 +168,18 @@ class Link:
         self._sent = deque([(self._clock.now(), goal)])
         return goal
 
+    def reset_actuators(self, attempts: int, holding: bool) -> FloatArray:
+        """Clear the actuators' own errors.
+
+        Returns
+        -------
+        (n_hinges,) goals: where those that held and still hold are measured now; NaN when one is limp.
+        """
+        self.bus.reset_errors()
+        if holding and self.bus.read_health().torque_on.all():
+            return self.torque_on(attempts)
+        return np.full(len(self.bus.hinge_ids), np.nan)
+
     def fresh_health(self, attempts: int) -> HealthReadings:
         """Health that every hinge told. Raises as `fresh_readings` does."""
         missing = self.bus.hinge_ids

@@ -72,7 +72,6 @@ GOING_DOWN_S = 0.1
 RESTART_PATIENCE_S = 3.0
 """How long a servo may take to come back after a reboot."""
 
-
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -293,6 +292,7 @@ class DynamixelBus(ActuatorBus):
 
     @_noticing_loss
     def _write_goals(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None) -> None:
+        del velocity_rad_s  # a servo has a profile of its own
         self._goal = CENTRE_COUNT + np.rint(position_rad / RAD_PER_COUNT).astype(np.int64)
         self._send_goals()
 
