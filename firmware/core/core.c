@@ -152,6 +152,15 @@ static void on_disable(const mavlink_message_t *message)
     answer(token, result, ORI_NOBODY, value);
 }
 
+static void on_brake(const mavlink_message_t *message)
+{
+    const uint16_t token = mavlink_msg_ori_brake_get_token(message);
+    if (is_repeated(token))
+        return;
+    machine_brake();
+    answer(token, ORI_ACCEPTED, ORI_NOBODY, machine_state());
+}
+
 static void on_latch(const mavlink_message_t *message)
 {
     const uint16_t token = mavlink_msg_ori_latch_command_get_token(message);
@@ -247,6 +256,7 @@ static bool dispatch(const mavlink_message_t *message)
     case MAVLINK_MSG_ID_TIMESYNC: on_timesync(message); return true;
     case MAVLINK_MSG_ID_ORI_ENABLE: on_enable(message); return true;
     case MAVLINK_MSG_ID_ORI_DISABLE: on_disable(message); return true;
+    case MAVLINK_MSG_ID_ORI_BRAKE: on_brake(message); return true;
     case MAVLINK_MSG_ID_ORI_LATCH_COMMAND: on_latch(message); return true;
     case MAVLINK_MSG_ID_ORI_FAULT_CLEAR: on_clear(message); return true;
     case MAVLINK_MSG_ID_ORI_CONFIG_DEVICE: on_config_device(message); return true;

@@ -16,6 +16,7 @@ static const uint8_t ends[] = {
     [ORI_FAULT_BROWN_OUT] = CLEARABLE,
     [ORI_FAULT_CONFIG_CORRUPT] = UNTIL_CONFIGURED,
     [ORI_FAULT_INTERNAL] = PERMANENT,
+    [ORI_FAULT_HOST_BRAKE] = CLEARABLE,
 };
 
 static uint8_t latched = ORI_FAULT_NONE;

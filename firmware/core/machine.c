@@ -200,6 +200,12 @@ uint8_t machine_disable(uint16_t hinges, int32_t *value)
     return ORI_ACCEPTED;
 }
 
+void machine_brake(void)
+{
+    if (state == ORI_STREAMING)
+        machine_trip(ORI_FAULT_HOST_BRAKE, ORI_NOBODY);
+}
+
 uint8_t machine_latch(uint8_t index, bool engage)
 {
     if (state == ORI_UNCONFIGURED)

@@ -21,6 +21,7 @@ void machine_setpoints(const mavlink_ori_setpoints_t *setpoints);
 /* Commands; each returns an ORI_RESULT. */
 uint8_t machine_enable(const mavlink_ori_enable_t *enable, uint8_t *index, int32_t *value);
 uint8_t machine_disable(uint16_t hinges, int32_t *value);
+void machine_brake(void);
 uint8_t machine_latch(uint8_t index, bool engage);
 uint8_t machine_clear(uint8_t fault, int32_t *value);
 uint8_t machine_config_begin(const mavlink_ori_config_device_t *device, int32_t *value);

@@ -17,6 +17,7 @@ static mavlink_status_t parser;
     X(ORI_POLL) \
     X(ORI_ENABLE) \
     X(ORI_DISABLE) \
+    X(ORI_BRAKE) \
     X(ORI_LATCH_COMMAND) \
     X(ORI_FAULT_CLEAR) \
     X(ORI_CONFIG_DEVICE) \

@@ -274,6 +274,11 @@ class ActuatorBus(ABC):
         """How long after `command_hinges` a goal is due: 0 unless the bus queues goals ahead."""
         return 0.0
 
+    @property
+    def brake_s(self) -> float:
+        """How long `brake` takes from full speed to rest; 0 for a bus that queues nothing."""
+        return 0.0
+
     def command_hinges(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None = None) -> None:
         """Send a goal to every hinge.
 
@@ -298,6 +303,16 @@ class ActuatorBus(ABC):
         ):
             raise CommandRefused(f"velocities must be finite, shape {self._lower.shape}; nothing was sent")
         self._write_goals(position_rad, velocity_rad_s)
+
+    def brake(self) -> float:
+        """Come to rest at once along the goals that are queued, and take no more before `enable_torque`.
+
+        Returns
+        -------
+        Seconds until everything rests. A bus that queues nothing has nothing to do: its hinges hold the last goal.
+        """
+        self._require_connection()
+        return self._brake()
 
     def read_hinges(self) -> HingeReadings:
         """Read every hinge. A hinge that fails alone comes back invalid.
@@ -373,6 +388,9 @@ class ActuatorBus(ABC):
 
     def _names(self, mask: BoolArray) -> str:
         return ", ".join(self.hinge_ids[i] for i in np.flatnonzero(mask))
+
+    def _brake(self) -> float:
+        return 0.0
 
     @abstractmethod
     def _open(self) -> None: ...

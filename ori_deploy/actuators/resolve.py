@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ori_deploy.actuators.dynamixel.throughput import check_rate, planned_times
 from ori_deploy.actuators.dynamixel.wiring import Wiring, resolve_wiring
+from ori_deploy.actuators.mcu.wiring import McuWiring
+from ori_deploy.actuators.mcu.wiring import resolve_wiring as resolve_mcu
 from ori_deploy.actuators.rig import (
     CREASE_ORDER,
     STOW_POINT,
@@ -50,6 +52,8 @@ class ResolvedRig:
         As in the rig file.
     wiring
         Which Dynamixel servo is which; None for other backends.
+    mcu
+        What is wired to a microcontroller: everything, or latches alone; None without one.
     source, sha256
         The file and its digest; None and "" for a rig that came from no file.
     """
@@ -65,6 +69,7 @@ class ResolvedRig:
     controller: ControllerSettings
     mock: MockSettings
     wiring: Wiring | None
+    mcu: McuWiring | None
     source: str | None
     sha256: str
 
@@ -190,10 +195,7 @@ def resolve_rig(rig: Rig, cell_ids: Sequence[str], latch_points: Sequence[str]) 
     by_cell = {hinge.cell: hinge for hinge in hinges}
     in_order = tuple(by_cell[cell] for cell in cell_ids)
     driven = tuple(by_id[hinge.actuator] for hinge in in_order)
-    wiring = None
-    if rig.backend == "dynamixel" and rig.dynamixel is not None:
-        wiring = resolve_wiring(rig.dynamixel, driven, latches, rig.source)
-        check_rate(wiring, planned_times(wiring), rig.rate_hz, fast=rig.dynamixel.fast_sync_read, source=rig.source)
+    wiring, mcu = _wire(rig, driven, latches)
     return ResolvedRig(
         cell_ids=tuple(cell_ids),
         hinges=in_order,
@@ -206,9 +208,27 @@ def resolve_rig(rig: Rig, cell_ids: Sequence[str], latch_points: Sequence[str]) 
         controller=rig.controller,
         mock=rig.mock,
         wiring=wiring,
+        mcu=mcu,
         source=rig.source,
         sha256=rig.sha256,
     )
+
+
+def _wire(rig: Rig, driven: Sequence[Actuator], latches: Sequence[Latch]) -> tuple[Wiring | None, McuWiring | None]:
+    """What is wired to which bus. Beside servos, a microcontroller has the latches without a servo of their own."""
+    if rig.backend == "mcu" and rig.mcu is not None:
+        return None, resolve_mcu(rig.mcu, driven, latches, rig.rate_hz, rig.source)
+    if rig.backend != "dynamixel" or rig.dynamixel is None:
+        return None, None
+    on_servos, mcu = list(latches), None
+    if rig.mcu is not None:
+        pins = {servo.latch for servo in rig.dynamixel.servo}
+        on_servos = [latch for latch in latches if latch.id in pins]
+        others = [latch for latch in latches if latch.id not in pins]
+        mcu = resolve_mcu(rig.mcu, (), others, rig.rate_hz, rig.source)
+    wiring = resolve_wiring(rig.dynamixel, driven, on_servos, rig.source)
+    check_rate(wiring, planned_times(wiring), rig.rate_hz, fast=rig.dynamixel.fast_sync_read, source=rig.source)
+    return wiring, mcu
 
 
 def _hinges(rig: Rig, cell_ids: Sequence[str]) -> tuple[list[Actuator], list[Hinge]]:

@@ -17,6 +17,7 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
 from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
+from ori_deploy.actuators.mcu.settings import McuSettings
 from ori_deploy.actuators.numbers import (
     STRICT,
     Count,
@@ -39,7 +40,7 @@ Crease = Literal["open_c", "open_d", "close_a", "close_b"]
 CREASE_ORDER: tuple[Crease, ...] = ("open_c", "open_d", "close_a", "close_b")
 """The design's order of creases, on every array axis of length 4."""
 
-Backend = Literal["mock", "dynamixel"]
+Backend = Literal["mock", "dynamixel", "mcu"]
 LatchKind = Literal["magnet", "electromagnet", "lock_pin"]
 
 MAX_PATH_TOLERANCE_RAD = 1.0
@@ -309,6 +310,7 @@ class Rig:
     controller: ControllerSettings = ControllerSettings()
     mock: MockSettings = MockSettings()
     dynamixel: DynamixelSettings | None = None
+    mcu: McuSettings | None = None
     source: str | None = None
     sha256: str = ""
 
@@ -316,6 +318,17 @@ class Rig:
     def _a_backend_has_its_table(self) -> Rig:
         if self.backend == "dynamixel" and self.dynamixel is None:
             raise ValueError('backend = "dynamixel" needs a table [dynamixel] with port and baud')
+        if self.backend == "mcu" and self.mcu is None:
+            raise ValueError('backend = "mcu" needs a table [mcu] with port, supply_divider and min_supply_v')
+        return self
+
+    @model_validator(mode="after")
+    def _hinges_are_on_one_bus(self) -> Rig:
+        if self.backend == "mcu" and self.dynamixel is not None:
+            raise ValueError(
+                'backend = "mcu" does not go with a table [dynamixel]: hinges are on one bus; for latches on the '
+                'microcontroller and hinges on servos write backend = "dynamixel"'
+            )
         return self
 
 

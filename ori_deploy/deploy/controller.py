@@ -30,7 +30,7 @@ from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.result import OUTCOMES, CycleRecord, Fault, FaultKind, MotionResult, StartRefused
 from ori_deploy.deploy.span import require_unfolded
 from ori_deploy.deploy.states import IN_MOTION, Event, IllegalCommand, Machine, State
-from ori_deploy.deploy.step_room import StepRoom
+from ori_deploy.deploy.tracking import Tracking
 from ori_deploy.motion.plan import DEPLOY_STAGES, STOW_STAGES, Plan, StageName
 
 FloatArray = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Controller:
         self._localiser = Localiser(self._table)
         self._motion = Motion(self._table, rig)
         self._monitor = Monitor(plan, rig)
-        self._room = StepRoom(plan.step_tolerance, self._table, self._motion.slew_per_s, rig.rate_hz)
+        self._tracking = Tracking(plan, self._table, self._motion, rig, bus, self._monitor)
         self._link = Link(bus, self._trip, clock, self._settings.max_reading_age_s)
         self._machine = Machine()
         self._fault: Fault | None = None
@@ -94,7 +94,6 @@ class Controller:
         self._stage: StageName | None = None
         self._stage_started = 0.0
         self._work: LatchWork | None = None
-        self._rate_limit = 1.0
 
         self._cycles, self._health_due = 0, -np.inf
         self._was_under_way = False  # at the end of the last cycle
@@ -136,7 +135,7 @@ class Controller:
     def arm(self) -> None:
         """Hold every hinge where it stands. Raises `CommandRefused` when one does not say where it is."""
         self._machine.require(Event.ARM)
-        self._motion.stand(self._link.torque_on(self._attempts))
+        self._tracking.stand(self._link.torque_on(self._attempts), self._clock.now())
         self._monitor.restart()
         self._command = self._stage = None
         self._fire(Event.ARM)
@@ -204,7 +203,8 @@ class Controller:
             self._motion.let_go()
             target = State.DISCONNECTED
         else:
-            self._motion.stand(self._link.reset_actuators(self._attempts, self._motion.holding))
+            goal = self._link.reset_actuators(self._attempts, self._motion.holding)
+            self._tracking.stand(goal, self._clock.now())
             target = State.ARMED if self._motion.holding else State.READY
         self._fault = None
         self._command = self._stage = None
@@ -293,15 +293,8 @@ class Controller:
 
     def _judge(self, readings: HingeReadings, folds: FloatArray, now: float) -> None:
         self._trip(self._monitor.judge_replies(readings, folds, self._clock.now()))
-        if self._holding:
-            self._trip(self._monitor.judge_tracking(readings, self._link.due(now), now))
-        self._rate_limit = 1.0
-        if self.state not in IN_MOTION:
-            return
-        motion, cells = self._motion, self._monitor.folds
-        if self.state is State.MOVING and motion.on_path:
-            self._rate_limit = self._room.rate_limit(cells, motion.fold, motion.path_time_s, motion.direction)
-        self._trip(self._monitor.judge_step(motion.fold, self._rate_limit, self._room.allowed(cells), now))
+        if self._following:
+            self._tracking.judge(readings, self.state, now, self._trip)
 
     def _check_health(self, readings: HingeReadings, now: float) -> HealthReadings | None:
         if now < self._health_due and not readings.alert.any():
@@ -327,15 +320,16 @@ class Controller:
 
     def _send(self, now: float) -> None:
         """Command the next place; at rest the same one again, so that no watchdog trips."""
-        if self._link.lost:
+        if self._link.lost or self._link.braked:
             self._motion.halt()
             return
         if self._pacer.sent():
             self._motion.halt()  # the servos stand at the last goal: from there, and gently
         else:
-            self._motion.advance(self._rate_limit if self.state is State.MOVING else 0.0)
-        if self._holding:
+            self._motion.advance(self._tracking.rate_limit if self.state is State.MOVING else 0.0)
+        if self._following:
             self._link.command_hinges(self._motion.goal, self._motion.velocity, now)
+            self._tracking.sent(now)
 
     def _finish_stage(
         self, readings: HingeReadings, health: HealthReadings | None, latches: Latches | None, now: float
@@ -408,7 +402,7 @@ class Controller:
             stage=self._stage,
             path_time_s=self._motion.path_time_s,
             rate=self._motion.rate,
-            rate_limit=self._rate_limit,
+            rate_limit=self._tracking.rate_limit,
             commanded_fold=self._motion.fold,
             commanded_rad=self._motion.goal,
             readings=readings,
@@ -426,12 +420,17 @@ class Controller:
     @property
     def _at_rest(self) -> bool:
         """Whether nothing moves: no goal does, and none that is still queued."""
-        return self._motion.at_rest and self._link.at_rest(self._clock.now())
+        return self._tracking.at_rest(self._clock.now()) or (self._link.lost and self._motion.at_rest)
 
     @property
     def _holding(self) -> bool:
         """Whether the hinges were told to hold, and can be told more."""
         return self._motion.holding and not self._link.lost
+
+    @property
+    def _following(self) -> bool:
+        """Whether the hinges follow goals."""
+        return self._holding and not self._link.braked
 
     def _fire(self, event: Event, target: State | None = None) -> None:
         self._machine.fire(event, self._clock.now(), target)
@@ -448,6 +447,9 @@ class Controller:
         log.error("%s", fault)
         self._fault = fault
         self._fire(Event.FAULT)
+        if self._link.bus.delay_s > 0.0:
+            now = self._clock.now()
+            self._tracking.cut(now, self._link.brake(now))
 
     def _begin(self, command: Event, direction: float, stages: tuple[StageName, ...]) -> None:
         """Start a command from the measured place; every hinge has to say where it is, and be fit."""
@@ -458,7 +460,7 @@ class Controller:
         if unfit is not None:
             raise StartRefused(f"{unfit.thing}: {unfit.detail}", remedy=unfit.remedy)
         folds = self._localiser.folds(readings.position_rad)
-        place = locate(readings.position_rad, folds, self._room.allowed(folds), self._table, self._rig)
+        place = locate(readings.position_rad, folds, self._tracking.allowed(folds), self._table, self._rig)
         self._motion.go(place, direction)
         self._monitor.restart()
         self._monitor.seed(folds)

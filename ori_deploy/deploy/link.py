@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -57,16 +56,17 @@ class Link:
     ----------
     lost
         The bus said that it is closed; nothing is asked of it until `connect`.
+    braked
+        The bus was told to brake; no goals until `torque_on`.
     """
 
     def __init__(self, bus: ActuatorBus, trip: Callable[[Fault], None], clock: Clock, max_age_s: float) -> None:
         self.bus = bus
         self.lost = False
+        self.braked = False
         self._trip = trip
         self._clock = clock
         self._max_age_s = max_age_s
-        self._sent: deque[tuple[float, FloatArray]] = deque()
-        self._moving_until = -np.inf
         self._latches = tuple(LatchReading(name, False, None, valid=False, time_s=np.nan) for name in bus.latch_ids)
 
     def connect(self) -> None:
@@ -117,23 +117,20 @@ class Link:
                 self.bus.command_hinges(goal, velocity)
             except BusError as error:
                 self._fail(error, now)
-                return
-            self._sent.append((now + self.bus.delay_s, goal))
-            if velocity.any():
-                self._moving_until = now + self.bus.delay_s
 
-    def due(self, now: float) -> FloatArray:
-        """(n_hinges,) goals that are due now: the last ones, or earlier ones while the bus queues ahead."""
-        sent = self._sent
-        while len(sent) > 1 and sent[1][0] <= now:
-            sent.popleft()
-        (begin, first), (end, second) = sent[0], sent[min(1, len(sent) - 1)]
-        part = min(max((now - begin) / (end - begin), 0.0), 1.0) if end > begin else 0.0
-        return first if part == 0.0 else first + part * (second - first)
+    def brake(self, now: float) -> float:
+        """Have a bus that queues goals come to rest at once, along them; time until then, in s.
 
-    def at_rest(self, now: float) -> bool:
-        """Whether no goal that was sent and is still to come moves."""
-        return self.bus.delay_s == 0.0 or self.lost or now >= self._moving_until
+        It takes no more goals before `torque_on`.
+        """
+        if self.lost or self.bus.delay_s == 0.0:
+            return 0.0
+        self.braked = True
+        try:
+            return self.bus.brake()
+        except BusError as error:  # the device brakes by itself when it hears nothing more
+            self._fail(error, now)
+            return self.bus.delay_s
 
     def command_latches(self, work: LatchWork, now: float) -> None:
         """Send a round of latch commands."""
@@ -165,7 +162,7 @@ class Link:
         except StartRefused as error:
             raise CommandRefused(f"torque stays off: {error}") from error
         goal = self.bus.enable_torque(readings)
-        self._sent = deque([(self._clock.now(), goal)])
+        self.braked = False
         return goal
 
     def reset_actuators(self, attempts: int, holding: bool) -> FloatArray:

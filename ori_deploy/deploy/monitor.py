@@ -130,10 +130,12 @@ class Monitor:
             now,
         )
 
-    def judge_step(self, commanded_fold: float, rate_limit: float, allowed: float, now: float) -> Fault | None:
-        """Fault when cells are out of step by `allowed` or more, or leave no useful rate."""
+    def judge_step(
+        self, commanded_fold: float, rate_limit: float, allowed: float, now: float, rate: float = CRAWL
+    ) -> Fault | None:
+        """Fault when cells are out of step by `allowed` or more, or leave room for less than `rate`."""
         spread = float(self.folds.max() - self.folds.min())
-        if spread < allowed and rate_limit >= CRAWL:
+        if spread < allowed and rate_limit >= rate:
             return None
         worst = int(np.argmax(np.abs(self.folds - commanded_fold)))
         return Fault(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.path import PathTable
+from ori_deploy.deploy.queued import Place
 from ori_deploy.deploy.result import StartRefused
 
 FloatArray = NDArray[np.float64]
@@ -217,6 +218,10 @@ class Motion:
         if self._placed and not self.at_rest:
             return self._path.rate * self._table.shaft_rate_at(self._path.position)
         return np.zeros_like(self.goal)
+
+    def place(self) -> Place:
+        """Where the goals are."""
+        return Place(self.goal, self.fold, self.path_time_s, self.rate, self.on_path)
 
     def advance(self, rate: float) -> None:
         """One period on, the rate brought towards `rate` (0 to 1) in the direction of the motion."""

@@ -8,11 +8,15 @@ tolerance everywhere on the way there.
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ori_deploy.actuators.bus import ActuatorBus
+from ori_deploy.actuators.resolve import ResolvedRig
+from ori_deploy.deploy.motion import Motion
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.motion.step_tolerance import StepTolerance
 
@@ -20,6 +24,13 @@ FloatArray = NDArray[np.float64]
 
 REACTION_CYCLES = 2.0
 """Cycles between a cell's moving and the first command that takes it into account."""
+
+BRAKE_REACTION_S = 0.04
+"""Where a device brakes by itself: its frame in which it is told, and the one before the pulses change."""
+
+SOFT = 0.75
+"""Part of the room within which the rate of goals that are still to come is kept. A device that queues them can
+be braked at once, but not slowed down at once."""
 
 USABLE = 0.9
 """Part of the step tolerance that is used; the rest is for noise, resolution and free play of the sensors."""
@@ -36,18 +47,27 @@ class StepRoom:
         The path.
     slew_per_s
         Slope with which the path rate can be brought to zero.
-    rate_hz
-        Of the control loop.
+    reaction_s
+        Between a cell's moving and the first command that takes it into account.
     """
 
-    def __init__(self, tolerance: StepTolerance, table: PathTable, slew_per_s: float, rate_hz: float) -> None:
+    def __init__(self, tolerance: StepTolerance, table: PathTable, slew_per_s: float, reaction_s: float) -> None:
         self._table = table
         self._end = np.asarray(tolerance.lead, dtype=np.float64)  # zone k: leads from begin to end
         self._begin = np.append(0.0, self._end[:-1])
         self._allowed = USABLE * np.array([tolerance.allowed(float(lead)) for lead in self._end])
         self._slew = slew_per_s
-        self._reaction_s = REACTION_CYCLES / rate_hz
+        self._reaction_s = reaction_s
         self._fold_rate = _largest_nearby(table, 0.5 / slew_per_s + self._reaction_s)
+
+    @classmethod
+    def of(
+        cls, tolerance: StepTolerance, table: PathTable, motion: Motion, rig: ResolvedRig, bus: ActuatorBus
+    ) -> Self:
+        """For a bus: one that queues goals ahead is braked by its device, others by their goals."""
+        if bus.delay_s == 0.0:
+            return cls(tolerance, table, motion.slew_per_s, REACTION_CYCLES / rig.rate_hz)
+        return cls(tolerance, table, 1.0 / bus.brake_s, 1.0 / rig.rate_hz + BRAKE_REACTION_S)
 
     def allowed(self, folds: FloatArray) -> float:
         """Largest spread that may be used with the cells where they are."""
@@ -74,14 +94,16 @@ class StepRoom:
         end = float(lowest[concerned].max()) if concerned.any() else -math.inf
         return max(min(float(folds.min()), commanded) - end, 0.0)
 
-    def rate_limit(self, folds: FloatArray, commanded: float, path_time_s: float, direction: float) -> float:
-        """Largest path rate, 0 to 1, from which the command can be stopped inside the room it has.
+    def rate_limit(
+        self, folds: FloatArray, commanded: float, path_time_s: float, direction: float, part: float = 1.0
+    ) -> float:
+        """Largest path rate, 0 to 1, from which the command can be stopped inside a part of the room it has.
 
         With fold rate F, slope s and reaction time t a stop from rate r takes `F (r t + r**2 / (2 s))`.
         """
         room = self.ahead(folds, commanded) if direction > 0.0 else self.behind(folds, commanded)
         fold_rate = self._fold_rate[self._table.row(path_time_s)]
-        path_s, slew = room / fold_rate, self._slew
+        path_s, slew = part * room / fold_rate, self._slew
         reaction = slew * self._reaction_s
         return min(1.0, math.sqrt(reaction * reaction + 2.0 * slew * path_s) - reaction)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ori_deploy.deploy.monitor import CRAWL
 from ori_deploy.deploy.motion import PathVariable
 from ori_deploy.deploy.path import PathTable
-from ori_deploy.deploy.step_room import USABLE, StepRoom
+from ori_deploy.deploy.step_room import REACTION_CYCLES, USABLE, StepRoom
 from ori_deploy.motion.step_tolerance import StepTolerance
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 
@@ -25,7 +25,7 @@ places = st.integers(0, 2000).map(lambda k: k / 2000.0)
 
 
 def room(tolerance: StepTolerance) -> StepRoom:
-    return StepRoom(tolerance, TABLE, SLEW, RATE_HZ)
+    return StepRoom(tolerance, TABLE, SLEW, REACTION_CYCLES / RATE_HZ)
 
 
 def usable(tolerance: StepTolerance, lead: float) -> float:
