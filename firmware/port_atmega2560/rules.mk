@@ -14,7 +14,7 @@ endif
 
 AVR_FLAGS := -mmcu=atmega2560 -DF_CPU=16000000UL -std=c11 -Os -Wall -Wextra -Werror \
 	-ffunction-sections -fdata-sections -DMAVLINK_COMM_NUM_BUFFERS=1
-AVR_INCLUDES = -I$(CORE) -Icore -Iport_atmega2560 -isystem $(BUILD)/generated -isystem $(BUILD)/generated/ori_deploy
+AVR_INCLUDES = -iquote $(CORE) -iquote core -iquote port_atmega2560 -isystem $(BUILD)/generated -isystem $(BUILD)/generated/ori_deploy
 AVR_OBJECTS = $(patsubst $(CORE)/%.c,$(BUILD)/atmega2560/core/%.o,$(wildcard $(CORE)/*.c)) \
 	$(patsubst port_atmega2560/%.c,$(BUILD)/atmega2560/port/%.o,$(wildcard port_atmega2560/*.c))
 

@@ -198,7 +198,14 @@ class ActuatorBus(ABC):
         Names, in the order of every array and tuple of readings.
     position_limits_rad
         (n_hinges, 2) smallest and largest goal of every shaft; finite.
+
+    Attributes
+    ----------
+    advice
+        What `connect` found that works and could work better, or that has to be dealt with before a motion.
     """
+
+    advice: tuple[str, ...] = ()
 
     def __init__(self, hinge_ids: Sequence[str], latch_ids: Sequence[str], position_limits_rad: FloatArray) -> None:
         limits = np.array(position_limits_rad, dtype=np.float64)
@@ -268,6 +275,27 @@ class ActuatorBus(ABC):
         """Let every hinge go limp. Latches stay as they are."""
         self._require_connection()
         self._set_torque(False)
+
+    def unvouched(self) -> tuple[str, ...]:
+        """Hinges of which nobody knows where they stand before `vouch`; none where all sensors know."""
+        self._require_connection()
+        return ()
+
+    def vouch(self, shaft_rad: FloatArray, tolerance_rad: FloatArray) -> None:
+        """Take somebody's word for where the structure stands, where sensors alone cannot tell.
+
+        Parameters
+        ----------
+        shaft_rad, tolerance_rad
+            (n_hinges,) where the shafts are said to stand, and how far off they may be measured.
+
+        Raises
+        ------
+        CommandRefused
+            It is measured elsewhere.
+        """
+        del shaft_rad, tolerance_rad
+        self._require_connection()
 
     @property
     def delay_s(self) -> float:

@@ -20,6 +20,7 @@ from ori_deploy.cli.figures import figures
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, Commands, console, print_table, warn
 from ori_deploy.cli.layouts import layouts_command
 from ori_deploy.cli.limit import limit
+from ori_deploy.cli.mcu import mcu
 from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.session import Command, Place, carry_out
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_option, span_poses, tell_span
@@ -229,7 +230,10 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
     @click.option(
         "--stands",
         type=click.Choice(["stowed", "deployed"]),
-        help="Your word for where the structure stands, after servos of more than one turn were switched on.",
+        help="Your word for where the structure stands, where servos alone cannot tell.",
+    )
+    @click.option(
+        "--mcu-port", help="Device of a microcontroller that has latches alone, instead of the one in the rig."
     )
     @span_option(name)
     def command(
@@ -239,6 +243,7 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
         realtime: bool,
         port: str | None,
         stands: Place | None,
+        mcu_port: str | None,
         span_unfolded: bool = False,
     ) -> None:
         made, results, stopped = carry_out(
@@ -250,6 +255,7 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
             span_unfolded=span_unfolded,
             port=port,
             stands=stands,
+            mcu_port=mcu_port,
         )
         if not results:
             click.echo("interrupted: before anything moved", err=True)
@@ -311,4 +317,5 @@ main.add_command(sweep)
 main.add_command(strip)
 main.add_command(figures)
 main.add_command(bus)
+main.add_command(mcu)
 main.add_command(doctor)

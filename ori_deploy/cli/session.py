@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from ori_deploy.actuators.bus import ActuatorBus
-from ori_deploy.actuators.dynamixel.bus import DynamixelBus
+from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import warn
@@ -59,24 +59,36 @@ def rig_for(path: Path, plan: Plan) -> ResolvedRig:
 
 
 def make_bus(
-    rig: ResolvedRig, plan: Plan, clock: Clock, start: Place, port: str | None, stands: Place | None
+    rig: ResolvedRig,
+    plan: Plan,
+    clock: Clock,
+    start: Place,
+    port: str | None,
+    stands: Place | None,
+    mcu_port: str | None = None,
 ) -> ActuatorBus:
     """The bus a rig asks for. Simulated servos of the mock are found at `start`.
 
     Raises
     ------
     InputError
-        `port` or `stands` is given for a backend that has neither.
+        An option is given for a backend that does not have it.
     """
     ends = plan.crease_angles_rad[[0, -1]]
-    if rig.backend == "dynamixel":
-        return DynamixelBus.from_rig(rig, clock, ends[0], ends[1], port=port)
+    if mcu_port is not None and (rig.backend != "dynamixel" or rig.mcu is None):
+        raise InputError(
+            "--mcu-port: goes with hinges on servos and latches on a microcontroller",
+            value=mcu_port,
+            remedy="leave it out; --port is that of the hinges",
+        )
+    if rig.backend != "mock":
+        return hardware_bus(rig, clock, ends[0], ends[1], port=port, mcu_port=mcu_port)
     for option, value in (("--port", port), ("--stands", stands)):
         if value is not None:
             raise InputError(
                 f'{option}: does not go with backend = "{rig.backend}"',
                 value=value,
-                remedy='leave it out, or use a rig with backend = "dynamixel"',
+                remedy='leave it out, or use a rig with backend = "dynamixel" or "mcu"',
             )
     return MockBus.from_rig(rig, clock, ends[0], ends[1], start=start)
 
@@ -89,7 +101,7 @@ def vouch_for(bus: ActuatorBus, rig: ResolvedRig, plan: Plan, stands: Place | No
     CommandRefused
         It is measured elsewhere.
     """
-    if stands is None or not isinstance(bus, DynamixelBus):
+    if stands is None:
         return
     shaft = rig.to_actuator(plan.crease_angles_rad[0 if stands == "stowed" else -1])
     bus.vouch(shaft, rig.controller.start_tolerance_rad * np.abs(rig.shaft_per_crease))
@@ -135,6 +147,7 @@ def carry_out(
     span_unfolded: bool = False,
     port: str | None = None,
     stands: Place | None = None,
+    mcu_port: str | None = None,
 ) -> tuple[Plan, tuple[MotionResult, ...], bool]:
     """Connect, arm, and carry commands out until one does not succeed or a signal comes.
 
@@ -153,7 +166,9 @@ def carry_out(
     port
         Of the bus, instead of the one in the rig.
     stands
-        Somebody's word for where the structure stands, for servos that forgot their turns.
+        Somebody's word for where the structure stands, for servos that forgot their turns or never knew.
+    mcu_port
+        Of a microcontroller that has latches alone.
 
     Returns
     -------
@@ -174,7 +189,7 @@ def carry_out(
     rig = rig_for(rig_path, plan)
     real = realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
-    bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", port, stands)
+    bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", port, stands, mcu_port)
     results: list[MotionResult] = []
     with StopRequest() as stop, Live(plan, rig) as live, _log(log_path, plan, rig, digest(plan_path)) as log:
         observers = (live,) if log is None else (log, live)
@@ -204,7 +219,7 @@ def carry_out(
 
 def tell_advice(bus: ActuatorBus) -> None:
     """What works on the bus and could work better."""
-    for text in bus.advice if isinstance(bus, DynamixelBus) else ():
+    for text in bus.advice:
         warn(text)
 
 

@@ -8,15 +8,11 @@ tolerance everywhere on the way there.
 from __future__ import annotations
 
 import math
-from typing import Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import ActuatorBus
-from ori_deploy.actuators.resolve import ResolvedRig
-from ori_deploy.deploy.motion import Motion
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.motion.step_tolerance import StepTolerance
 
@@ -24,13 +20,6 @@ FloatArray = NDArray[np.float64]
 
 REACTION_CYCLES = 2.0
 """Cycles between a cell's moving and the first command that takes it into account."""
-
-BRAKE_REACTION_S = 0.04
-"""Where a device brakes by itself: its frame in which it is told, and the one before the pulses change."""
-
-SOFT = 0.75
-"""Part of the room within which the rate of goals that are still to come is kept. A device that queues them can
-be braked at once, but not slowed down at once."""
 
 USABLE = 0.9
 """Part of the step tolerance that is used; the rest is for noise, resolution and free play of the sensors."""
@@ -59,15 +48,6 @@ class StepRoom:
         self._slew = slew_per_s
         self._reaction_s = reaction_s
         self._fold_rate = _largest_nearby(table, 0.5 / slew_per_s + self._reaction_s)
-
-    @classmethod
-    def of(
-        cls, tolerance: StepTolerance, table: PathTable, motion: Motion, rig: ResolvedRig, bus: ActuatorBus
-    ) -> Self:
-        """For a bus: one that queues goals ahead is braked by its device, others by their goals."""
-        if bus.delay_s == 0.0:
-            return cls(tolerance, table, motion.slew_per_s, REACTION_CYCLES / rig.rate_hz)
-        return cls(tolerance, table, 1.0 / bus.brake_s, 1.0 / rig.rate_hz + BRAKE_REACTION_S)
 
     def allowed(self, folds: FloatArray) -> float:
         """Largest spread that may be used with the cells where they are."""

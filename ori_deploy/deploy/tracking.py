@@ -12,8 +12,14 @@ from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.queued import Queued
 from ori_deploy.deploy.result import Fault
 from ori_deploy.deploy.states import IN_MOTION, State
-from ori_deploy.deploy.step_room import SOFT, StepRoom
+from ori_deploy.deploy.step_room import REACTION_CYCLES, StepRoom
 from ori_deploy.motion.plan import Plan
+
+BRAKE_REACTION_S = 0.04
+"""Where a device brakes by itself: its frame in which it is told, and the one before the pulses change."""
+
+SOFT = 0.75
+"""Part of the room that goals use which are queued. They can be braked, but no longer be slowed down."""
 
 
 class Tracking:
@@ -31,7 +37,11 @@ class Tracking:
         self._motion, self._monitor = motion, monitor
         self._queued = Queued(bus.delay_s)
         self._queues = bus.delay_s > 0.0
-        self._room = StepRoom.of(plan.step_tolerance, table, motion, rig, bus)
+        self._room = StepRoom(plan.step_tolerance, table, motion.slew_per_s, REACTION_CYCLES / rig.rate_hz)
+        self._brake_room = self._room
+        if self._queues:
+            reaction_s = 1.0 / rig.rate_hz + BRAKE_REACTION_S
+            self._brake_room = StepRoom(plan.step_tolerance, table, 1.0 / bus.brake_s, reaction_s)
         self.rate_limit = 1.0
 
     def stand(self, goal: FloatArray, now: float) -> None:
@@ -62,11 +72,13 @@ class Tracking:
         self.rate_limit = 1.0
         if state not in IN_MOTION:
             return
-        limit = 1.0
+        limit, motion = 1.0, self._motion
         if state is State.MOVING and due.on_path:
-            where = (cells, due.fold, due.path_time_s, self._motion.direction)
-            limit = self._room.rate_limit(*where)
-            self.rate_limit = self._room.rate_limit(*where, SOFT) if self._queues else limit
+            # Where goals are queued, cells will be as far behind the next one as they are behind the one due now.
+            later = cells + (motion.fold - due.fold)
+            part = SOFT if self._queues else 1.0
+            self.rate_limit = self._room.rate_limit(later, motion.fold, motion.path_time_s, motion.direction, part)
+            limit = self._brake_room.rate_limit(cells, due.fold, due.path_time_s, motion.direction)
         # What is queued can only be braked: it has to be slower than that allows.
         least = max(CRAWL, abs(due.rate)) if self._queues else CRAWL
         trip(self._monitor.judge_step(due.fold, limit, self._room.allowed(cells), now, least))

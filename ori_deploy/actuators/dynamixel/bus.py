@@ -181,27 +181,25 @@ class DynamixelBus(ActuatorBus):
         """
         if rig.wiring is None:
             raise ValueError("the rig has no Dynamixel servos")
-        latches = rig.latches + rig.stow_locks
-        ends = [rig.to_actuator(deployed_rad)] * len(rig.latches) + [rig.to_actuator(stowed_rad)] * len(
-            rig.stow_locks
-        )
-        reach = [rig.latch_reach(latch) for latch in latches]
-        shape = (len(latches), len(rig.hinges))
+        elsewhere = {latch.name for latch in rig.mcu.latches} if rig.mcu is not None else set()
+        ends = ((rig.latches, rig.to_actuator(deployed_rad)), (rig.stow_locks, rig.to_actuator(stowed_rad)))
+        own = [(latch, closed) for latches, closed in ends for latch in latches if latch.id not in elsewhere]
+        shape = (len(own), len(rig.hinges))
         bank = Latches(
-            latches,
+            [latch for latch, _ in own],
             rig.wiring.pins,
-            np.array(ends, dtype=np.float64).reshape(shape),
-            np.array(reach, dtype=np.float64).reshape(shape),
+            np.array([closed for _, closed in own], dtype=np.float64).reshape(shape),
+            np.array([rig.latch_reach(latch) for latch, _ in own], dtype=np.float64).reshape(shape),
             rig.wiring.settings.watchdog_s,
         )
         return cls(
             rig.wiring,
             bank,
-            rig.latch_ids,
+            [latch.id for latch, _ in own],
             rig.position_limits_rad,
             clock,
             rig.rate_hz,
-            {latch.id: latch.travel_s for latch in latches if latch.travel_s is not None},
+            {latch.id: latch.travel_s for latch, _ in own if latch.travel_s is not None},
             port,
             rig.source,
         )

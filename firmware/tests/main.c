@@ -1,0 +1,77 @@
+/* Runs the tests, each in a process of its own, so that none sees what another left behind.
+ *
+ * Usage: unit [--first] [SUBJECT...]   with --first the first failure ends the run; subjects named come first.
+ */
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "check.h"
+
+#define LONGEST_TEST_S 60U
+#define LONGEST_TEST_OF_MUTANTS_S 2U
+
+extern const suite_t suite_queue, suite_limits, suite_hinges, suite_latches, suite_faults, suite_config, suite_machine,
+    suite_supply, suite_events, suite_messages;
+
+static const suite_t *const suites[] = {
+    &suite_queue,  &suite_limits,  &suite_hinges, &suite_latches, &suite_faults,
+    &suite_config, &suite_machine, &suite_supply, &suite_events,  &suite_messages,
+};
+#define SUITES (sizeof suites / sizeof suites[0])
+
+static bool only_first;
+static unsigned run, failed;
+
+static void run_test(const suite_t *suite, const test_t *test)
+{
+    int status = 0;
+    fflush(stdout);
+    const pid_t child = fork();
+    if (child == 0) {
+        alarm(only_first ? LONGEST_TEST_OF_MUTANTS_S : LONGEST_TEST_S);
+        test->run();
+        _exit(0);
+    }
+    waitpid(child, &status, 0);
+    run++;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return;
+    failed++;
+    printf("FAILED %s: %s", suite->name, test->name);
+    if (WIFSIGNALED(status))
+        printf(" (%s)", strsignal(WTERMSIG(status)));
+    putchar('\n');
+}
+
+static void run_suite(const suite_t *suite)
+{
+    for (unsigned i = 0; i < suite->count && !(only_first && failed); i++)
+        run_test(suite, &suite->tests[i]);
+}
+
+static bool is_named(const suite_t *suite, int count, char **names)
+{
+    for (int i = 0; i < count; i++)
+        if (strcmp(names[i], suite->name) == 0)
+            return true;
+    return false;
+}
+
+int main(int count, char **arguments)
+{
+    only_first = count > 1 && strcmp(arguments[1], "--first") == 0;
+    const int skipped = only_first ? 2 : 1;
+    char **names = arguments + skipped;
+    count -= skipped;
+    for (unsigned i = 0; i < SUITES; i++)
+        if (is_named(suites[i], count, names))
+            run_suite(suites[i]);
+    for (unsigned i = 0; i < SUITES && (count == 0 || only_first); i++)
+        if (!is_named(suites[i], count, names))
+            run_suite(suites[i]);
+    printf("%u tests, %u failed\n", run, failed);
+    return failed || !run;
+}

@@ -1,0 +1,1 @@
+"""Hobby servos, electromagnets and latch sensors behind a microcontroller on a serial port."""

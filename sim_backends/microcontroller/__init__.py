@@ -1,0 +1,1 @@
+"""A simulated microcontroller: the firmware, unchanged, on an emulated chip or on Linux, with servos and latches."""
