@@ -9,6 +9,11 @@
 #define BOOT_ADDRESS (2U * SLOT_BYTES)
 #define HIGHEST_COUNT 1023U
 #define LONGEST_PULSE_US 19000U
+#define LONGEST_DEBOUNCE_MS 10000U
+#define LARGEST_POSITION_URAD INT32_C(100000000)
+#define LARGEST_PULSE_NS INT32_C(20000000)
+#define LARGEST_FEEDBACK_URAD INT32_C(1000000000)
+#define LARGEST_FEEDBACK_SLOPE_NRAD INT32_C(100000000)
 
 typedef struct {
     uint32_t magic;
@@ -164,8 +169,8 @@ config_status_t config_load(void)
         generation = header.generation;
         hash_in_force = header.hash;
     }
+    memset(&config, 0, sizeof config);
     if (status == CONFIG_GOOD) {
-        memset(&config, 0, sizeof config);
         port_eeprom_read(device_address(slot_in_force), &config.device, DEVICE_BYTES);
         (void)read_slot(slot_in_force, config.device.hinges, config.device.latches, &config);
     }
@@ -200,9 +205,23 @@ uint8_t config_begin(const mavlink_ori_config_device_t *device)
     return ORI_ACCEPTED;
 }
 
+static bool within(int32_t value, int32_t most)
+{
+    return value >= -most && value <= most;
+}
+
+/* With these no product of a value of the record overflows, whatever is asked for or measured. */
+static bool numbers_are_possible(const mavlink_ori_config_hinge_t *hinge)
+{
+    return within(hinge->min_urad, LARGEST_POSITION_URAD) && within(hinge->max_urad, LARGEST_POSITION_URAD) &&
+           within(hinge->pulse_zero_ns, LARGEST_PULSE_NS) && within(hinge->pulse_slope_ns, LARGEST_PULSE_NS) &&
+           within(hinge->feedback_zero_urad, LARGEST_FEEDBACK_URAD) &&
+           within(hinge->feedback_slope_nrad, LARGEST_FEEDBACK_SLOPE_NRAD);
+}
+
 static bool hinge_is_possible(const mavlink_ori_config_hinge_t *hinge)
 {
-    return hinge->channel < ORI_SERVO_OUTPUTS && hinge->adc < ORI_SERVO_OUTPUTS && hinge->min_urad < hinge->max_urad &&
+    return numbers_are_possible(hinge) && hinge->channel < ORI_SERVO_OUTPUTS && hinge->adc < ORI_SERVO_OUTPUTS && hinge->min_urad < hinge->max_urad &&
            hinge->max_velocity_mrad_s > 0 && hinge->max_acceleration_mrad_s2 > 0 && hinge->pulse_slope_ns != 0 &&
            hinge->pulse_min_us >= 100 && hinge->pulse_min_us < hinge->pulse_max_us &&
            hinge->pulse_max_us <= LONGEST_PULSE_US && hinge->feedback_low <= hinge->feedback_high &&
@@ -226,7 +245,7 @@ uint8_t config_add_hinge(const mavlink_ori_config_hinge_t *hinge)
 
 static bool latch_is_possible(const mavlink_ori_config_latch_t *latch)
 {
-    if (latch->sensor >= ORI_SENSOR_INPUTS && latch->sensor != ORI_NOBODY)
+    if ((latch->sensor >= ORI_SENSOR_INPUTS && latch->sensor != ORI_NOBODY) || latch->debounce_ms > LONGEST_DEBOUNCE_MS)
         return false;
     if (latch->kind == ORI_ELECTROMAGNET)
         return latch->output < ORI_MAGNET_OUTPUTS && latch->duty_permille <= 1000 && latch->max_on_ms > 0 &&

@@ -16,7 +16,7 @@ typedef enum { CONFIG_NONE, CONFIG_GOOD, CONFIG_CORRUPT } config_status_t;
  * none of it is good. */
 config_status_t config_load(void);
 
-/* In force; only meaningful after CONFIG_GOOD. */
+/* In force; nothing but zeros unless CONFIG_GOOD. */
 extern config_t config;
 uint32_t config_hash(void);
 

@@ -125,9 +125,11 @@ static void on_poll(const mavlink_message_t *message)
 
 static void on_timesync(const mavlink_message_t *message)
 {
-    if (mavlink_msg_timesync_get_tc1(message) != 0 || !wire_has_room(MAVLINK_MSG_ID_TIMESYNC_LEN))
+    mavlink_timesync_t ask;
+    mavlink_msg_timesync_decode(message, &ask);
+    if (ask.tc1 != 0 || !wire_has_room(MAVLINK_MSG_ID_TIMESYNC_LEN))
         return;
-    mavlink_msg_timesync_send(LINK, (int64_t)(port_micros() * 1000U), mavlink_msg_timesync_get_ts1(message));
+    mavlink_msg_timesync_send(LINK, (int64_t)(port_micros() * 1000U), ask.ts1);
 }
 
 static void on_enable(const mavlink_message_t *message)

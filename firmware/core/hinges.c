@@ -133,7 +133,7 @@ static uint8_t judge_enable(uint8_t k, int32_t position_urad, int32_t *value)
 uint8_t hinges_enable(uint16_t which, const int32_t *position_urad, uint8_t *index, int32_t *value)
 {
     measure();
-    for (uint8_t k = 0; k < ORI_HINGES; k++) {
+    for (uint8_t k = 0; k < 16; k++) { /* every bit there is */
         if (!(which & bit_of(k)))
             continue;
         *index = k;

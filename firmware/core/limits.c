@@ -22,12 +22,26 @@ verdict_t limits_of_knot(const knot_t *knot)
     return GOOD;
 }
 
+/* Whether a parabola with Bernstein coefficients v0, b, v1 goes beyond `fastest`, when its ends do not.
+ *
+ * It lies within the hull of its coefficients, so b has to. Then it turns between the ends, and with p = |b - v0| and
+ * q = |b - v1| its peak is p q / (p + q) short of |b|. Units of 2^8 keep the products below 2^63: no more than three
+ * times the fastest can b be without the middle of the parabola, (v0 + 2 b + v1) / 4, being too fast. */
+static bool is_too_fast(int64_t v0, int64_t b, int64_t v1, int64_t fastest)
+{
+    if (abs64(b) <= fastest)
+        return false;
+    if (abs64(b) > 3 * fastest)
+        return true;
+    const int64_t p = abs64(b - v0) >> 8, q = abs64(b - v1) >> 8, beyond = (abs64(b) - fastest) >> 8;
+    return beyond * (p + q) > p * q;
+}
+
 /* Speed and acceleration of one hinge over a segment of dt.
  *
  * The velocity of a cubic is a parabola with Bernstein coefficients v0, b = 3 m - v0 - v1, v1, where m is the mean
- * velocity; it lies within the hull of its coefficients. Halved once they are v0, (v0 + b) / 2, (v0 + 2 b + v1) / 4,
- * (b + v1) / 2, v1. The acceleration is a straight line from 2 (b - v0) / dt to 2 (v1 - b) / dt. Everything is
- * multiplied by dt, in nrad, so that nothing is divided.
+ * velocity. The acceleration is a straight line from 2 (b - v0) / dt to 2 (v1 - b) / dt. Everything is multiplied by
+ * dt, in nrad, so that nothing is divided.
  *
  * The position lies within the hull of p0, p0 + v0 dt / 3, p1 - v1 dt / 3, p1: where that leaves the range, the
  * spline may, and it is refused. */
@@ -41,7 +55,7 @@ static uint8_t judge(const mavlink_ori_config_hinge_t *hinge, const knot_t *a, c
     const int64_t fastest = (int64_t)hinge->max_velocity_mrad_s * (int32_t)dt_us;
     const int64_t steepest = ((int64_t)hinge->max_acceleration_mrad_s2 * (int32_t)dt2) >> 8;
 
-    if (abs64(v0 + middle) > 2 * fastest || abs64(v0 + 2 * middle + v1) > 4 * fastest || abs64(middle + v1) > 2 * fastest)
+    if (is_too_fast(v0, middle, v1, fastest))
         return ORI_FAULT_VELOCITY_LIMIT;
     if (2 * abs64(middle - v0) > steepest || 2 * abs64(v1 - middle) > steepest)
         return ORI_FAULT_ACCELERATION_LIMIT;

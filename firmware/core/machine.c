@@ -19,6 +19,7 @@ static uint8_t stream;
 static bool stream_open; /* knots are taken: from ORI_ENABLE to the next fault */
 static uint16_t contiguous;
 static uint64_t heard_us;
+static config_status_t stored;
 
 /* The profile's own time: it runs with the device's clock, and slower to its end while braking. */
 static uint32_t profile_us;
@@ -33,16 +34,16 @@ static void go_to(uint8_t next)
 
 static void start_from_store(void)
 {
-    const config_status_t status = config_load();
+    stored = config_load();
     hinges_init();
     latches_init();
     queue_clear();
     stream_open = false;
-    if (status == CONFIG_GOOD)
+    if (stored == CONFIG_GOOD)
         events_note(ORI_EVENT_CONFIG, 0, (int32_t)config_hash());
-    if (status == CONFIG_CORRUPT)
+    if (stored == CONFIG_CORRUPT)
         machine_trip(ORI_FAULT_CONFIG_CORRUPT, ORI_NOBODY);
-    go_to(status == CONFIG_NONE ? ORI_UNCONFIGURED : fault_latched() ? ORI_FAULTED : ORI_IDLE);
+    go_to(stored == CONFIG_NONE ? ORI_UNCONFIGURED : fault_latched() ? ORI_FAULTED : ORI_IDLE);
 }
 
 void machine_init(void)
@@ -112,12 +113,13 @@ static knot_t knot_of(const mavlink_ori_setpoints_t *setpoints, uint8_t j)
     return knot;
 }
 
-/* A motion begins at rest, where the outputs are, and not in the past. */
+/* A motion begins at rest, where the outputs are, and not before the outputs that are computed next: that is up to two
+ * frames ahead, and what lies nearer would be caught up with in a jump. */
 static verdict_t judge_beginning(const knot_t *knot)
 {
     const uint32_t now = (uint32_t)port_micros();
     const int32_t ahead = (int32_t)(knot->time_us - now);
-    if (ahead < 0 || ahead > (int32_t)(2 * LONGEST_SEGMENT_US))
+    if (ahead < (int32_t)(2 * ORI_FRAME_US) || ahead > (int32_t)(2 * LONGEST_SEGMENT_US))
         return (verdict_t){ORI_FAULT_KNOT_TIME, ORI_NOBODY};
     for (uint8_t k = 0; k < config.device.hinges; k++)
         if ((hinges_on() >> k) & 1U &&
@@ -235,6 +237,8 @@ uint8_t machine_clear(uint8_t fault, int32_t *value)
     hinges_forgive();
     queue_clear();
     go_to(config_hash() == 0 ? ORI_UNCONFIGURED : hinges_on() ? ORI_HOLDING : ORI_IDLE);
+    if (stored == CONFIG_CORRUPT) /* the one that is forgotten came first and hid it */
+        machine_trip(ORI_FAULT_CONFIG_CORRUPT, ORI_NOBODY);
     return ORI_ACCEPTED;
 }
 
@@ -288,7 +292,8 @@ static void advance(uint32_t next_frame_us)
         profile_us = next_frame_us;
         return;
     }
-    const uint32_t fall = FULL_RATE * (ORI_FRAME_US / 1000U) / config.device.brake_ms;
+    /* Rounded up, so that no crumb is left for one more frame. */
+    const uint32_t fall = (FULL_RATE * (ORI_FRAME_US / 1000U) + config.device.brake_ms - 1U) / config.device.brake_ms;
     const uint32_t slower = rate > fall ? rate - fall : 0;
     /* While it still falls the mean of both rates counts; the last step may be shorter than a frame. */
     const uint32_t part = rate > fall ? ORI_FRAME_US : (uint32_t)((uint64_t)ORI_FRAME_US * rate / fall);

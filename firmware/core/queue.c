@@ -81,7 +81,7 @@ static int32_t interpolate(const knot_t *a, const knot_t *b, uint8_t hinge, cons
 {
     const int64_t way = (int64_t)(b->position_urad[hinge] - a->position_urad[hinge]) * basis->way;
     const int64_t bend = (int64_t)a->velocity_mrad_s[hinge] * basis->begin - (int64_t)b->velocity_mrad_s[hinge] * basis->end;
-    return a->position_urad[hinge] + (int32_t)((way + (bend << 14) + (INT64_C(1) << 29)) >> 30);
+    return a->position_urad[hinge] + (int32_t)((way + bend * (INT32_C(1) << 14) + (INT64_C(1) << 29)) >> 30);
 }
 
 void queue_positions(uint32_t time_us, uint8_t hinges, int32_t *position_urad)

@@ -207,8 +207,10 @@ static void hang(char **word, int words, reply_t *reply) {
 
 static void status(char **word, int words, reply_t *reply) {
     (void)word, (void)words;
-    reply_add(reply, "{\"cycle\": %llu, \"resets\": %llu, \"power\": %s, \"crashed\": false, \"overruns\": 0}",
-              (unsigned long long)now_us() * 16U, (unsigned long long)resets, cpu > 0 ? "true" : "false");
+    reply_add(reply,
+              "{\"cycle\": %llu, \"booted\": %llu, \"resets\": %llu, \"power\": %s, \"crashed\": false, \"overruns\": 0}",
+              (unsigned long long)now_us() * 16U, (unsigned long long)(board->epoch_us - start_us) * 16U,
+              (unsigned long long)resets, cpu > 0 ? "true" : "false");
 }
 
 static void eeprom(char **word, int words, reply_t *reply) {

@@ -2,6 +2,7 @@
  *
  * Usage: unit [--first] [SUBJECT...]   with --first the first failure ends the run; subjects named come first.
  */
+#define _POSIX_C_SOURCE 200809L
 #include <stdbool.h>
 #include <stdio.h>
 #include <string.h>

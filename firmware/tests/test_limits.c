@@ -147,6 +147,7 @@ static void test_acceleration_at_its_limit(void)
 static void test_positions_stay_in_the_range(void)
 {
     set_up(3);
+    config.hinge[2].max_acceleration_mrad_s2 = 100000;
     CHECK_EQUAL(fault_of(30000, HIGH - 2000, 200, HIGH - 1000, 0), ORI_FAULT_NONE);
     CHECK_EQUAL(fault_of(30000, HIGH - 1999, 200, HIGH - 1000, 0), ORI_FAULT_POSITION_LIMIT);
     CHECK_EQUAL(fault_of(30000, HIGH - 1000, 0, HIGH - 2000, -200), ORI_FAULT_NONE);

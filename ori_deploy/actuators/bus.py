@@ -299,8 +299,12 @@ class ActuatorBus(ABC):
 
     @property
     def delay_s(self) -> float:
-        """How long after `command_hinges` a goal is due: 0 unless the bus queues goals ahead."""
+        """About how long after `command_hinges` a goal is due: 0 unless the bus queues goals ahead."""
         return 0.0
+
+    def due_s(self, now: float) -> float:
+        """When the goal that was commanded last is due, on the bus's clock; `now` is when it was commanded."""
+        return now + self.delay_s
 
     @property
     def brake_s(self) -> float:

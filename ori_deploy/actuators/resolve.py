@@ -195,13 +195,15 @@ def resolve_rig(rig: Rig, cell_ids: Sequence[str], latch_points: Sequence[str]) 
     by_cell = {hinge.cell: hinge for hinge in hinges}
     in_order = tuple(by_cell[cell] for cell in cell_ids)
     driven = tuple(by_id[hinge.actuator] for hinge in in_order)
-    wiring, mcu = _wire(rig, driven, latches)
+    deployed = tuple(latch for latch in latches if latch.secures != STOW_POINT)
+    stowed = tuple(latch for latch in latches if latch.secures == STOW_POINT)
+    wiring, mcu = _wire(rig, driven, deployed + stowed)
     return ResolvedRig(
         cell_ids=tuple(cell_ids),
         hinges=in_order,
         actuators=driven,
-        latches=tuple(latch for latch in latches if latch.secures != STOW_POINT),
-        stow_locks=tuple(latch for latch in latches if latch.secures == STOW_POINT),
+        latches=deployed,
+        stow_locks=stowed,
         passive=rig.passive_creases,
         backend=rig.backend,
         rate_hz=rig.rate_hz,

@@ -39,12 +39,12 @@ class Queued:
 
     Parameters
     ----------
-    delay_s
-        Time from sending to being due; with 0 the last place sent is always the one that is due.
+    queues
+        Whether places are due later than they are sent.
     """
 
-    def __init__(self, delay_s: float) -> None:
-        self._delay_s = delay_s
+    def __init__(self, queues: bool) -> None:
+        self._queues = queues
         self._places: deque[tuple[float, Place]] = deque()
         self._moving_until = -np.inf
 
@@ -53,11 +53,11 @@ class Queued:
         self._places = deque([(now, place)])
         self._moving_until = -np.inf
 
-    def note(self, place: Place, now: float) -> None:
-        """A place was sent."""
-        self._places.append((now + self._delay_s, place))
-        if self._delay_s > 0.0 and place.rate != 0.0:
-            self._moving_until = now + self._delay_s
+    def note(self, place: Place, due_s: float) -> None:
+        """A place was sent that is due then."""
+        self._places.append((due_s, place))
+        if self._queues and place.rate != 0.0:
+            self._moving_until = due_s
 
     def cut(self, now: float, stop_s: float) -> None:
         """Nothing of what is to come will be carried out; everything rests in `stop_s`."""

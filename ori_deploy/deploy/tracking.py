@@ -35,8 +35,9 @@ class Tracking:
         self, plan: Plan, table: PathTable, motion: Motion, rig: ResolvedRig, bus: ActuatorBus, monitor: Monitor
     ) -> None:
         self._motion, self._monitor = motion, monitor
-        self._queued = Queued(bus.delay_s)
+        self._bus = bus
         self._queues = bus.delay_s > 0.0
+        self._queued = Queued(self._queues)
         self._room = StepRoom(plan.step_tolerance, table, motion.slew_per_s, REACTION_CYCLES / rig.rate_hz)
         self._brake_room = self._room
         if self._queues:
@@ -51,7 +52,7 @@ class Tracking:
 
     def sent(self, now: float) -> None:
         """The motion's goal went out."""
-        self._queued.note(self._motion.place(), now)
+        self._queued.note(self._motion.place(), self._bus.due_s(now))
 
     def cut(self, now: float, stop_s: float) -> None:
         """The bus brakes: nothing that is queued will be carried out."""

@@ -10,7 +10,7 @@
 enum { MCUSR = 0x54, PORF = 0, EXTRF = 1, BORF = 2 };
 
 static bool on = true;
-static uint64_t resets, random_state = 1;
+static uint64_t resets, booted, random_state = 1;
 static void (*library_reset)(avr_t *);
 
 bool power_is_on(void) {
@@ -23,6 +23,7 @@ static void after_reset(avr_t *of) {
         library_reset(of);
     }
     resets += on; /* to be switched off is none */
+    booted = of->cycle;
     pins_after_reset();
     silicon_after_reset();
     measure_after_reset();
@@ -72,8 +73,8 @@ static void hang(char **word, int words, reply_t *reply) {
 
 static void status(char **word, int words, reply_t *reply) {
     (void)word, (void)words;
-    reply_add(reply, "{\"cycle\": %llu, \"resets\": %llu, \"power\": %s, \"crashed\": %s, \"overruns\": %llu}",
-              (unsigned long long)avr->cycle, (unsigned long long)resets, on ? "true" : "false",
+    reply_add(reply, "{\"cycle\": %llu, \"booted\": %llu, \"resets\": %llu, \"power\": %s, \"crashed\": %s, \"overruns\": %llu}",
+              (unsigned long long)avr->cycle, (unsigned long long)booted, (unsigned long long)resets, on ? "true" : "false",
               avr->state == cpu_Crashed || avr->state == cpu_Done ? "true" : "false",
               (unsigned long long)uart_overruns());
 }

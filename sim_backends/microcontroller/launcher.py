@@ -106,8 +106,8 @@ class Status:
 
     Attributes
     ----------
-    cycle
-        Of 16 MHz since the start.
+    cycle, booted
+        Of 16 MHz since the start; at the last reset.
     resets
         Since the start, of every cause.
     crashed
@@ -117,6 +117,7 @@ class Status:
     """
 
     cycle: int
+    booted: int
     resets: int
     power: bool
     crashed: bool
@@ -247,11 +248,11 @@ class Microcontroller:
         self._folder.cleanup()
 
     def wait_ready(self) -> None:
-        """Until the firmware listens."""
+        """Until the firmware listens, after the start or a reset."""
         if self._lockstep:
             self.run(BOOT_S)
             return
-        while self.status().cycle < BOOT_S * CYCLES_PER_S:
+        while (now := self.status()).cycle < now.booted + BOOT_S * CYCLES_PER_S:
             time.sleep(0.005)
 
     def wait(self) -> int:
@@ -323,7 +324,7 @@ class Microcontroller:
         return Stack(**self._ask("stack"))
 
     def run(self, duration_s: float) -> None:
-        """In lockstep: let so much time pass."""
+        """In lockstep: let so much time pass. What the host has sent by now is heard at its beginning."""
         self.run_cycles(round(duration_s * CYCLES_PER_S))
 
     def run_cycles(self, cycles: int) -> None:

@@ -75,9 +75,11 @@ def test_close_twice_is_harmless(connected: Subject) -> None:
 def test_readings_are_valid_complete_and_of_now(connected: Subject) -> None:
     connected.wait(0.1)
     readings = connected.bus.read_hinges()
-    for array in (readings.position_rad, readings.velocity_rad_s, readings.current_a):
+    for array in (readings.position_rad, readings.velocity_rad_s):
         assert array.shape == (N,)
         assert np.isfinite(array).all()
+    assert readings.current_a.shape == (N,)
+    assert (np.isfinite(readings.current_a) == connected.senses_current).all()
     assert readings.valid.all()
     assert not readings.alert.any()
     assert (np.abs(readings.time_s - connected.clock.now()) < 0.05).all()
@@ -149,8 +151,9 @@ def test_a_silent_hinge_is_not_a_number_and_the_others_are_read(connected: Subje
     connected.mute(connected.bus.hinge_ids[1])
     readings = connected.bus.read_hinges()
     np.testing.assert_array_equal(readings.valid, [True, False, True, True])
-    for array in (readings.position_rad, readings.velocity_rad_s, readings.current_a, readings.time_s):
+    for array in (readings.position_rad, readings.velocity_rad_s, readings.time_s):
         np.testing.assert_array_equal(np.isnan(array), ~readings.valid)
+    assert np.isnan(readings.current_a[1])
     health = connected.bus.read_health()
     assert not health.valid[1]
     assert np.isnan(health.temperature_c[1])

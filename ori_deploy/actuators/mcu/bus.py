@@ -17,6 +17,7 @@ from ori_deploy.actuators.bus import (
     ActuatorRestarted,
     BusClosed,
     BusError,
+    BusTimeout,
     CommandRefused,
     HealthReadings,
     HingeReadings,
@@ -25,6 +26,7 @@ from ori_deploy.actuators.bus import (
 )
 from ori_deploy.actuators.mcu.faults import WHOLE, fault_error, fault_name, refusal, state_name
 from ori_deploy.actuators.mcu.grid import Grid
+from ori_deploy.actuators.mcu.latches import latch_readings, tripped_words
 from ori_deploy.actuators.mcu.line import McuLine, Notice, Reports
 from ori_deploy.actuators.mcu.port import SerialPort
 from ori_deploy.actuators.mcu.readings import Decoder, stalls_only
@@ -135,6 +137,13 @@ class McuBus(ActuatorBus):
     def delay_s(self) -> float:
         """How long after `command_hinges` a goal is due."""
         return self._settings.lead_s if self._wiring.hinges else 0.0
+
+    def due_s(self, now: float) -> float:
+        """When the goal that was commanded last is due: on the grid, whenever its command came."""
+        base, last_s = self._line.timebase, self._grid.last.time_s
+        if self._stream is None or not np.isfinite(last_s) or not base.good_at(now):
+            return now + self.delay_s
+        return base.host_s(last_s)
 
     @property
     def brake_s(self) -> float:
@@ -255,15 +264,21 @@ class McuBus(ActuatorBus):
         device_now, rate = self._device_now(), self._line.timebase.rate
         if stream.oldest_due_s < device_now:
             self._stream = None
-            raise CommandRefused(
+            raise BusTimeout(
                 f"the microcontroller has not taken goals for {self._settings.lead_s:g} s; "
                 "remedy: check the cable, clear the fault if there is one, then arm"
             )
-        if self._grid.has_room(device_now, rate):
-            knots = self._grid.next(device_now, rate, self._goal, self._goal_velocity)
-            self._pending = False
-            for message in stream.append(knots):
-                self._line.send(message)
+        if not self._grid.has_room(device_now, rate, self._goal_velocity):
+            if self._goal_velocity.any():
+                raise CommandRefused(
+                    f"{self._grid.last.time_s - device_now:.2f} s of goals are queued; limit: {self.delay_s:g} s and "
+                    "a few cycles; remedy: command one goal in every cycle, as rate_hz says"
+                )
+            return  # a later one takes its place, or the next reading sends it
+        knots = self._grid.next(device_now, rate, self._goal, self._goal_velocity)
+        self._pending = False
+        for message in stream.append(knots):
+            self._line.send(message)
 
     def _device_now(self) -> float:
         base = self._line.timebase
@@ -470,7 +485,7 @@ class McuBus(ActuatorBus):
         if ack.result == dialect.ORI_REFUSED_TRIPPED:
             report = self._line.poll_patiently(dialect.ORI_POLL_LATCHES).latches
             assert report is not None
-            raise LatchTripped(name, _tripped(report, index))
+            raise LatchTripped(name, tripped_words(report, index))
         if ack.result != dialect.ORI_ACCEPTED:
             raise refusal(ack, what, self.latch_ids)
 
@@ -482,23 +497,4 @@ class McuBus(ActuatorBus):
         reports = self._line.poll(dialect.ORI_POLL_LATCHES)
         report = reports.latches
         assert report is not None
-        time_s = self._time_of(report, reports)
-        return tuple(
-            LatchReading(
-                name,
-                engaged=bool(report.commanded >> k & 1),
-                confirmed=bool(report.closed >> k & 1) if report.sensed >> k & 1 else None,
-                valid=True,
-                time_s=time_s,
-                fault=_tripped(report, k) if report.tripped >> k & 1 else None,
-            )
-            for k, name in enumerate(self.latch_ids)
-        )
-
-
-def _tripped(report: LatchState, index: int) -> str:
-    left = report.duty_left_permille[index]
-    return (
-        f"was energised for as long as it bears and let go; it has cooled by {0.1 * left:.0f} %, and works again at "
-        "100 %; remedy: let it cool"
-    )
+        return latch_readings(report, self.latch_ids, self._time_of(report, reports))

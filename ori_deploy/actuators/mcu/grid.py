@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.mcu.records import device_acceleration, device_velocity
-from ori_deploy.actuators.mcu.wiring import Hinge
+from ori_deploy.actuators.mcu.wiring import QUEUE, Hinge
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +26,12 @@ LONGER = 1.1
 
 SHORTEST_S = 1.5e-3
 """Knots are at least 1 ms apart, and times are rounded."""
+
+NOTICE_S = 0.15
+"""How far ahead a motion begins at least: its first knots may be lost, and have to be sent again."""
+
+SPARE_KNOTS = 3
+"""Knots that may be queued beyond the lead, and places that stay free in the device's queue."""
 
 MOST_STRETCH, MOST_SQUEEZE = 0.01, 0.0025
 SLOWLY = 0.001
@@ -50,8 +56,8 @@ class Knot:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves there."""
-        return not self.velocity_rad_s.any()
+        """Whether nothing moves there, as the device sees it: in mrad/s."""
+        return not np.rint(1e3 * self.velocity_rad_s).any()
 
 
 class Grid:
@@ -67,6 +73,7 @@ class Grid:
 
     def __init__(self, hinges: tuple[Hinge, ...], period_s: float, lead_s: float, min_lead_s: float) -> None:
         self._period, self._lead, self._min_lead = period_s, lead_s, min_lead_s
+        self._most = min(lead_s + SPARE_KNOTS * period_s, (QUEUE - SPARE_KNOTS) * period_s)
         self._names = [hinge.name for hinge in hinges]
         self._velocity = np.array([hinge.max_velocity_rad_s for hinge in hinges])
         self._acceleration = np.array([hinge.max_acceleration_rad_s2 for hinge in hinges])
@@ -85,9 +92,14 @@ class Grid:
         self._last = Knot(-np.inf, np.array(position_rad), np.zeros(len(position_rad)))
         self._stretch = 0.0
 
-    def has_room(self, now_s: float, rate: float) -> bool:
-        """Whether another goal can be queued; it cannot when they come faster than once per cycle."""
-        return self._last.time_s <= now_s + rate * self._lead
+    def has_room(self, now_s: float, rate: float, velocity_rad_s: FloatArray) -> bool:
+        """Whether another goal can be queued now.
+
+        Rest that follows rest is not queued beyond the lead, where it would only be in the way. Goals of a
+        motion are all queued: without one of them the next would be too far away.
+        """
+        rests = self._last.at_rest and not velocity_rad_s.any()
+        return self._last.time_s <= now_s + rate * (self._lead if rests else self._most)
 
     def next(
         self, now_s: float, rate: float, position_rad: FloatArray, velocity_rad_s: FloatArray
@@ -109,35 +121,38 @@ class Grid:
             From rest, the goal is too far away for one step.
         """
         period = rate * self._period
+        target = now_s + rate * self._lead
         last = self._last
-        if last.at_rest and last.time_s + period < now_s + rate * self._min_lead:
-            begin = max(now_s + rate * self._lead - period, last.time_s + SHORTEST_S)
-            start = Knot(begin, last.position_rad, last.velocity_rad_s)
-            self._stretch = 0.0
-            knots: tuple[Knot, ...] = (start, self._from(start, period, rate, position_rad, velocity_rad_s))
-        else:
-            self._steer(now_s + rate * self._lead - (last.time_s + period), period)
-            knots = (self._from(last, period, rate, position_rad, velocity_rad_s),)
-        self._last = knots[-1]
-        return knots
-
-    def _from(self, last: Knot, period: float, rate: float, position: FloatArray, velocity: FloatArray) -> Knot:
-        spacing = period * (1.0 + self._stretch)
-        scaled = velocity / (rate * (1.0 + self._stretch))
+        begins = last.at_rest and last.time_s + period < now_s + rate * self._min_lead
         if last.at_rest:
-            spacing = self._long_enough(position - last.position_rad, scaled, spacing)
-        return Knot(last.time_s + spacing, np.array(position, dtype=np.float64), scaled)
+            self._stretch = 0.0
+        else:
+            self._steer(target - (last.time_s + period), period)
+        velocity = velocity_rad_s / (rate * (1.0 + self._stretch))
+        spacing = period * (1.0 + self._stretch)
+        if last.at_rest:
+            spacing = self._from_rest(position_rad - last.position_rad, velocity, spacing, target - last.time_s)
+        knots: tuple[Knot, ...] = ()
+        if begins:
+            earliest = max(now_s + rate * NOTICE_S, last.time_s + SHORTEST_S)
+            last = Knot(max(target - spacing, earliest), last.position_rad, last.velocity_rad_s)
+            knots = (last,)
+        self._last = Knot(last.time_s + spacing, np.array(position_rad, dtype=np.float64), velocity)
+        return (*knots, self._last)
 
     def _steer(self, behind_s: float, period: float) -> None:
         """Stretch the spacing while the queue is too short, squeeze it while it is too long."""
         wanted = float(np.clip(MOST_STRETCH * behind_s / period, -MOST_SQUEEZE, MOST_STRETCH))
         self._stretch += float(np.clip(wanted - self._stretch, -SLOWLY, SLOWLY))
 
-    def _long_enough(self, way: FloatArray, velocity: FloatArray, spacing: float) -> float:
+    def _from_rest(self, way: FloatArray, velocity: FloatArray, spacing: float, to_target: float) -> float:
         """Time from rest to a goal: the spacing, or longer where a lone goal is far away.
 
-        On the grid the device's limits count, as for every knot; a step may take what its actuators can.
+        Rest that follows rest may last as it likes, and so brings the queue to its length. On the grid the
+        device's limits count, as for every knot; a step may take what its actuators can.
         """
+        if not way.any() and not velocity.any():
+            return float(np.clip(to_target, 0.5 * spacing, 2.0 * spacing))
         if _within(way, velocity, spacing, self._device_velocity, self._device_acceleration):
             return spacing
         while spacing <= LONGEST_S:

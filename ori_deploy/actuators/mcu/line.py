@@ -41,6 +41,9 @@ log = logging.getLogger(__name__)
 ATTEMPTS = 4
 """Times that a command is sent before the device counts as silent."""
 
+KNOCKS = 2
+"""Times that a poll is sent within its timeout."""
+
 SYNC_PERIOD_S = 0.2
 """How often the device's clock is asked for, along with a poll."""
 
@@ -132,7 +135,7 @@ class McuLine:
         self.port.write(self._writer.encode(message))
 
     def poll(self, what: int) -> Reports:
-        """Ask for reports, once.
+        """Ask for reports, and wait for one timeout.
 
         Raises
         ------
@@ -164,8 +167,11 @@ class McuLine:
             self._ask_clock(now)
         sent = self._clock.now()
         noise = self._noise
-        self.send(Poll(token, what))
-        if not self._receive(take, self._timeout):
+        for _ in range(KNOCKS):  # again halfway: it may be lost, and is the sign of life that the device waits for
+            self.send(Poll(token, what))
+            if self._receive(take, self._timeout / KNOCKS):
+                break
+        else:
             self._raise_silence("poll", noise)
         return Reports(
             sent,
