@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ori_deploy.actuators.bus import ActuatorBus, HingeReadings
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.monitor import CRAWL, FloatArray, Monitor
 from ori_deploy.deploy.motion import Motion
 from ori_deploy.deploy.path import PathTable
-from ori_deploy.deploy.queued import Queued
+from ori_deploy.deploy.queued import Place, Queued
 from ori_deploy.deploy.result import Fault
 from ori_deploy.deploy.states import IN_MOTION, State
 from ori_deploy.deploy.step_room import REACTION_CYCLES, StepRoom
@@ -74,12 +76,21 @@ class Tracking:
         if state not in IN_MOTION:
             return
         limit, motion = 1.0, self._motion
+        if state is State.MOVING and motion.on_path:
+            self.rate_limit = self._next_rate(due, cells)
         if state is State.MOVING and due.on_path:
-            # Where goals are queued, cells will be as far behind the next one as they are behind the one due now.
-            later = cells + (motion.fold - due.fold)
-            part = SOFT if self._queues else 1.0
-            self.rate_limit = self._room.rate_limit(later, motion.fold, motion.path_time_s, motion.direction, part)
             limit = self._brake_room.rate_limit(cells, due.fold, due.path_time_s, motion.direction)
         # What is queued can only be braked: it has to be slower than that allows.
         least = max(CRAWL, abs(due.rate)) if self._queues else CRAWL
         trip(self._monitor.judge_step(due.fold, limit, self._room.allowed(cells), now, least))
+
+    def _next_rate(self, due: Place, cells: FloatArray) -> float:
+        """Largest rate for the next goal."""
+        motion = self._motion
+        if not self._queues:
+            return self._room.rate_limit(cells, motion.fold, motion.path_time_s, motion.direction)
+        # Cells will be as far behind the next goal as they are behind the one due now; first they are brought
+        # onto the path.
+        later = cells + (motion.fold - due.fold) if due.on_path else np.full_like(cells, motion.fold)
+        where = (later, motion.fold, motion.path_time_s, motion.direction)
+        return min(room.rate_limit(*where, SOFT) for room in (self._room, self._brake_room))

@@ -109,9 +109,17 @@ def test_old_signed_and_longer_frames_are_none() -> None:
     assert reader.feed(mcu.Heartbeat(18, 8, 0, 2, 3, 3).pack(codec, force_mavlink1=True)) == []
     codec.signing.sign_outgoing, codec.signing.secret_key = True, bytes(32)
     assert reader.feed(ACK.pack(codec)) == []
-    body = bytes((9, 0, 0, 0, 1, 1)) + mcu.Ack.id.to_bytes(3, "little") + bytes(range(1, 10))
+    for size, flags in ((9, b"\0\0"), (8, b"\0\1"), (8, b"\2\0")):
+        assert reader.feed(handmade(size, flags)) == []
+    assert tokens(reader.feed(handmade(8, b"\0\0"))) == [0x0605]
+
+
+def handmade(size: int, flags: bytes) -> bytes:
+    """An ORI_ACK with a payload of some size: 1, 2, 3 and so on."""
+    head = bytes((size,)) + flags + bytes((0, 1, 1)) + mcu.Ack.id.to_bytes(3, "little")
+    body = head + bytes(range(1, size + 1))
     crc = d.x25crc(body + bytes((mcu.Ack.crc_extra,))).crc
-    assert reader.feed(b"\xfd" + body + crc.to_bytes(2, "little")) == []
+    return b"\xfd" + body + crc.to_bytes(2, "little")
 
 
 def test_messages_of_no_interest_are_none() -> None:

@@ -143,7 +143,7 @@ class McuBus(ActuatorBus):
         base, last_s = self._line.timebase, self._grid.last.time_s
         if self._stream is None or not np.isfinite(last_s) or not base.good_at(now):
             return now + self.delay_s
-        return base.host_s(last_s)
+        return base.host_s(last_s, now)
 
     @property
     def brake_s(self) -> float:
@@ -428,7 +428,8 @@ class McuBus(ActuatorBus):
         base = self._line.timebase
         if not base.good_at(reports.received_s):
             return reports.sent_s
-        return min(max(base.host_s(1e-6 * report.time_us), reports.sent_s), reports.received_s)
+        time_s = base.host_s(1e-6 * report.time_us, reports.received_s)
+        return min(max(time_s, reports.sent_s), reports.received_s)
 
     def _fault_error(self, state: State) -> ActuatorFault | None:
         """The latched fault, unless it is told by the hinges that stalled, or is what we asked for."""

@@ -68,9 +68,8 @@ class Stream:
     def acknowledge(self, contiguous: int) -> None:
         """The device has all knots before this number. A number that is none of those sent says nothing."""
         behind = (self._next - contiguous) % NUMBERS
-        if behind <= len(self._waiting):
-            while len(self._waiting) > behind:
-                self._waiting.popleft()
+        while len(self._waiting) > behind:
+            self._waiting.popleft()
 
     def again(self) -> tuple[Setpoints, ...]:
         """Messages with everything that is not acknowledged."""

@@ -84,11 +84,12 @@ class Timebase:
         self._require(host_s)
         return self._middle_s + self.rate * (host_s - self._anchor_s)
 
-    def host_s(self, device_s: float) -> float:
-        """Host time at which the device's clock shows `device_s`. Raises as `device_s`."""
-        host_s = self._anchor_s + (device_s - self._middle_s) / self.rate if self._samples else self._anchor_s
-        self._require(host_s)
-        return host_s
+    def host_s(self, device_s: float, now_s: float) -> float:
+        """Host time at which the device's clock shows `device_s`; not long before or after `now_s`.
+
+        Raises as `device_s` does at `now_s`.
+        """
+        return now_s + (device_s - self.device_s(now_s)) / self.rate
 
     def error_s(self, host_s: float) -> float:
         """How far off `device_s` may be at a host time; inf when nothing is known."""

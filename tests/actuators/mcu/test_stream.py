@@ -127,11 +127,16 @@ def path(t: float) -> tuple[np.ndarray, np.ndarray]:
     stalls=st.lists(st.tuples(st.integers(0, 100), st.floats(0.0, 0.04)), max_size=3),
     caught_up=st.booleans(),
     off=st.floats(-0.01, 0.01),
+    resting=st.integers(0, 30),
 )
 def test_knots_of_a_motion_are_evenly_spaced_and_ahead(
-    rate: float, late: list[float], stalls: list[tuple[int, float]], caught_up: bool, off: float
+    rate: float, late: list[float], stalls: list[tuple[int, float]], caught_up: bool, off: float, resting: int
 ) -> None:
     made, knots, ahead = grid(), [], []
+    for i in range(resting):  # the motion begins with a step off what was held, on the grid
+        made.next(rate * (50.0 + (i - resting) * PERIOD), rate, np.zeros(2), np.zeros(2))
+    knots += [made.last] if resting else []
+    commanded: list[np.ndarray] = [np.zeros(2)] if resting else []
     origin = behind = 50.0
     for i in range(110):
         stall = sum(duration for cycle, duration in stalls if cycle == i)
@@ -145,6 +150,7 @@ def test_knots_of_a_motion_are_evenly_spaced_and_ahead(
             continue
         fresh = made.next(now, rate, position + off, velocity)
         knots += fresh
+        commanded += [np.zeros(2)] * (len(fresh) - 1) + [velocity]
         ahead.append((fresh[-1].time_s - now) / rate)
     spacing = np.diff([k.time_s for k in knots]) / (rate * PERIOD)
     at_rest = [k.at_rest for k in knots[:-1]]
@@ -155,6 +161,8 @@ def test_knots_of_a_motion_are_evenly_spaced_and_ahead(
     assert min(ahead) >= LEAD - 0.012 - sum(duration for _, duration in stalls) - 2e-3
     assert max(ahead) <= LEAD + 3.5 * PERIOD
     assert len([k for k in knots if k.time_s > knots[-1].time_s - LEAD]) <= 20
+    speeds = np.array([k.velocity_rad_s for k in knots])[1:]  # as fast on the device's clock as the spacing says
+    np.testing.assert_allclose(speeds[moving] * rate * spacing[moving, None], np.array(commanded)[1:][moving])
     velocity, acceleration = device_velocity(3.0), device_acceleration(20.0)
     for a, b in pairwise(knots):
         assert_within(a, b, velocity, acceleration)

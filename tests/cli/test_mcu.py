@@ -1,0 +1,215 @@
+"""The wing on the firmware by the command line: the real port, the real wire, the same image as on the board."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_backends.microcontroller.build import Port
+from sim_backends.microcontroller.from_rig import Start, world_for_files
+from sim_backends.microcontroller.launcher import Microcontroller
+from tests.cli.test_dynamixel import EXAMPLES, end, run
+
+RIG = EXAMPLES / "rig_wing_mcu.toml"
+FRAME_S = 0.02
+SILENCE_S = 0.4
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wing's plan, and the shipped rig with a patient board and a slow loop.
+
+    The machine that runs the tests has other things to do as well.
+    """
+    folder = tmp_path_factory.mktemp("mcu")
+    text = RIG.read_text()
+    for old, new in (
+        ("rate_hz = 50.0 ", "rate_hz = 25.0 "),
+        ("silence_s = 0.15 ", f"reply_timeout_s = 0.05\nmin_lead_s = 0.5\nsilence_s = {SILENCE_S} "),
+        ("lead_s = 0.3 ", "lead_s = 0.6 "),
+        ("[controller]\n", "[controller]\nlost_replies_allowed = 5\nmax_reading_age_s = 0.2\n"),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (folder / "rig.toml").write_text(text)
+    assert run("design", EXAMPLES / "wing_naca2412.toml", "-o", "w.design.json", cwd=folder).returncode == 0
+    done = run("plan", "w.design.json", "--rig", "rig.toml", "-o", "wing.plan.json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@contextmanager
+def board(made: Path, folder: Path, *, port: Port = "host", start: Start = "stowed") -> Iterator[Microcontroller]:
+    """The wing's board, not configured yet, as ttyMCU in a folder."""
+    world = world_for_files(made / "rig.toml", made / "wing.plan.json", start)
+    with Microcontroller(world, folder / "ttyMCU", port=port) as one:
+        one.wait_ready()
+        yield one
+
+
+def mcu(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return run("mcu", *words, "--port", cwd / "ttyMCU", cwd=cwd)
+
+
+def configure(made: Path, folder: Path) -> None:
+    done = mcu("config", made / "rig.toml", "--plan", made / "wing.plan.json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+def motion(command: str, made: Path, folder: Path, *more: str | Path) -> subprocess.CompletedProcess[str]:
+    words = (made / "wing.plan.json", "--rig", made / "rig.toml", "--port", folder / "ttyMCU")
+    return run(command, *words, *more, cwd=folder)
+
+
+@pytest.mark.slow
+def test_the_wing_deploys_by_the_commands_of_the_example(made: Path, tmp_path: Path) -> None:
+    """The commands in the head of the example rig, as they stand there."""
+    text = [line.removeprefix("#   ") for line in RIG.read_text().splitlines() if line.startswith("#   ")]
+    (tmp_path / "out").mkdir()
+    (tmp_path / "examples").mkdir()
+    shutil.copy(made / "rig.toml", tmp_path / "examples" / RIG.name)
+    shutil.copy(made / "wing.plan.json", tmp_path)
+    words = text[0].replace("python ", f"{sys.executable} ").split()
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as simulator:
+        try:
+            assert simulator.stdout is not None
+            assert "atmega2560 on out/ttyMCU" in simulator.stdout.readline()
+            for line in text[1:]:
+                done = run(*line.removeprefix("ori-deploy ").split(), cwd=tmp_path)
+                assert done.returncode == 0, done.stderr
+            assert "state deployed" in done.stdout
+            done = run("stow", *text[-1].split()[2:], cwd=tmp_path)
+            assert done.returncode == 0, done.stderr
+            assert "state stowed" in done.stdout
+        finally:
+            simulator.terminate()
+    assert simulator.returncode == 0
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: Path) -> None:
+    with board(made, tmp_path) as one:
+        told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
+        assert (told["state"], told["config_hash"], told["config"]) == ("unconfigured", None, [])
+        refused = motion("deploy", made, tmp_path)
+        assert refused.returncode == 1
+        assert "ori-deploy mcu config" in refused.stderr
+        words = ("config", made / "rig.toml", "--plan", made / "wing.plan.json")
+        assert mcu(*words, "--check", cwd=tmp_path).returncode == 1
+        configure(made, tmp_path)
+        assert mcu(*words, "--check", cwd=tmp_path).returncode == 0
+        assert "nothing was written" in mcu(*words, cwd=tmp_path).stdout
+        told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
+        assert (told["state"], told["hinges"], told["latches"]) == ("idle", 4, 1)
+        assert [record["record"] for record in told["config"]] == ["device", *["hinge"] * 4, "latch"]
+        one.open_wire(2)
+        time.sleep(0.1)
+        shown = json.loads(mcu("monitor", "--count", "1", "--json", cwd=tmp_path).stdout)
+        assert [hinge["measured_rad"] is None for hinge in shown["hinges"]] == [False, False, True, False]
+        assert "open wire" in mcu("monitor", "--count", "1", cwd=tmp_path).stdout
+        assert "no fault" in mcu("clear-fault", cwd=tmp_path).stdout
+        one.estop()
+        time.sleep(0.1)
+        refused = mcu("clear-fault", cwd=tmp_path)
+        assert refused.returncode == 1
+        assert "emergency stop" in refused.stderr
+        one.estop(False)
+        time.sleep(0.1)
+        assert "cleared: estop" in mcu("clear-fault", cwd=tmp_path).stdout
+
+
+def test_what_cannot_be_is_one_line(made: Path, tmp_path: Path) -> None:
+    for words, status, told in (
+        (("mcu", "info", "--port", "nowhere"), 1, "nowhere cannot be opened"),
+        (("mcu", "info", "--rig", EXAMPLES / "rig_mock.toml"), 2, "a table [mcu]"),
+        (("mcu", "flash", "--port", "x", "--hex", "no.hex"), 2, "make -C firmware"),
+        (("mcu", "config", EXAMPLES / "rig_mock.toml", "--plan", made / "wing.plan.json"), 2, "rate_hz"),
+    ):
+        done = run(*words, cwd=tmp_path)
+        assert done.returncode == status, done.stderr
+        assert done.stderr.count("\n") == 1
+        assert told in done.stderr
+
+
+@pytest.mark.slow
+def test_the_configuration_outlasts_power_and_another_rig_is_refused(made: Path, tmp_path: Path) -> None:
+    with board(made, tmp_path, port="atmega2560") as one:
+        configure(made, tmp_path)
+        one.power_cycle()
+        one.wait_ready()
+        told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
+        assert (told["state"], told["starts"], told["last_start"]) == ("idle", 2, "power")
+        other = tmp_path / "other.toml"
+        other.write_text((made / "rig.toml").read_text().replace("max_position_rad = 2.3", "max_position_rad = 2.35"))
+        done = run(
+            "deploy", made / "wing.plan.json", "--rig", other, "--port", tmp_path / "ttyMCU", cwd=tmp_path
+        )  # fmt: skip
+        assert done.returncode == 1
+        assert "configuration is not the rig's" in done.stderr
+
+
+def begin(made: Path, folder: Path) -> subprocess.Popen[str]:
+    """A deployment in the middle of its motion."""
+    command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(made / "wing.plan.json")]
+    command += ["--rig", str(made / "rig.toml"), "--port", str(folder / "ttyMCU")]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if "-> moving" in line:
+            break
+    time.sleep(3.0)
+    return process
+
+
+@pytest.mark.slow
+def test_kill_9_ends_in_hold_in_time_and_the_next_session_has_to_clear_it(made: Path, tmp_path: Path) -> None:
+    with board(made, tmp_path, port="atmega2560") as one:
+        configure(made, tmp_path)
+        process = begin(made, tmp_path)
+        latches = one.truth().latches
+        os.kill(process.pid, signal.SIGKILL)
+        killed_s = one.truth().time_us * 1e-6
+        process.communicate(timeout=10)
+        time.sleep(SILENCE_S + 0.5)
+        pulses = one.pulses()
+        for output in range(4):
+            mine = pulses.of(output)
+            changes = mine.time_s[1:][np.diff(mine.width) != 0]
+            assert changes[-1] > killed_s - 0.1  # it moved
+            assert changes[-1] <= killed_s + SILENCE_S + FRAME_S
+            assert mine.time_s[-1] > killed_s + SILENCE_S + 0.2  # and holds
+        assert one.truth().latches == latches
+        refused = motion("deploy", made, tmp_path)
+        assert refused.returncode == 1
+        assert "host silent" in refused.stderr or "heard nothing" in refused.stderr
+        assert "cleared: host silent" in mcu("clear-fault", cwd=tmp_path).stdout
+        done = motion("deploy", made, tmp_path)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_ctrl_c_comes_to_rest_along_the_path_and_leaves_no_fault(made: Path, tmp_path: Path) -> None:
+    with board(made, tmp_path) as one:
+        configure(made, tmp_path)
+        process = begin(made, tmp_path)
+        process.send_signal(signal.SIGINT)
+        errors = end(process)
+        assert process.returncode == 130
+        assert "interrupted: brought to rest along its path" in errors
+        told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
+        assert (told["state"], told["fault"]) == ("holding", "none")
+        before = one.truth().shaft_rad
+        done = motion("deploy", made, tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert before != one.truth().shaft_rad
