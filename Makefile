@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo figures install test test-fast bench lint clean
+.PHONY: demo figures install firmware-tools test test-fast bench lint clean
 
 demo: install
 	$(BIN)/ori-deploy demo
@@ -24,16 +24,21 @@ $(STAMP): pyproject.toml setup.py tools/generate_codecs.py ori_deploy/wire/ori_d
 test: test-fast
 	$(BIN)/python -m pytest -q -n 2 -m slow
 
-test-fast: install lint
+test-fast: install firmware-tools lint
 	$(BIN)/python -m pytest -q -n 2 -m 'not slow'
+
+# Compilers and the emulator's library, from Debian; without them the firmware's tests are skipped.
+firmware-tools:
+	@sh tools/firmware_tools.sh
 
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: install
+bench: install firmware-tools
 	$(BIN)/python -m benchmarks
 
 clean:
+	$(MAKE) -C firmware clean
 	rm -rf $(VENV) out build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from benchmarks import control, dynamixel, geometry, layouts, search
+from benchmarks import control, dynamixel, geometry, layouts, mcu, search
 
 geometry.main()
 control.main()
 dynamixel.main()
+mcu.main()
 layouts.main()
 search.main()

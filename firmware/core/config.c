@@ -73,7 +73,7 @@ static uint16_t latch_address(uint8_t slot, uint8_t index)
     return (uint16_t)(hinge_address(slot, ORI_HINGES) + index * LATCH_BYTES);
 }
 
-/* Read a slot into `into` where it is not NULL, and return the hash of its records. */
+/* Read a slot's hinges and latches into `into` where it is not NULL, and return the hash of all its records. */
 static uint32_t read_slot(uint8_t slot, uint8_t hinges, uint8_t latches, config_t *into)
 {
     mavlink_ori_config_device_t device;
@@ -82,8 +82,6 @@ static uint32_t read_slot(uint8_t slot, uint8_t hinges, uint8_t latches, config_
 
     port_eeprom_read(device_address(slot), &device, DEVICE_BYTES);
     uint32_t crc = crc32(0, &device, DEVICE_BYTES);
-    if (into)
-        into->device = device;
     for (uint8_t i = 0; i < hinges; i++) {
         port_eeprom_read(hinge_address(slot, i), &hinge, HINGE_BYTES);
         crc = crc32(crc, &hinge, HINGE_BYTES);
@@ -210,7 +208,7 @@ static bool within(int32_t value, int32_t most)
     return value >= -most && value <= most;
 }
 
-/* With these no product of a value of the record overflows, whatever is asked for or measured. */
+/* With these the fixed point of hinges.c holds whatever may be asked for or measured. */
 static bool numbers_are_possible(const mavlink_ori_config_hinge_t *hinge)
 {
     return within(hinge->min_urad, LARGEST_POSITION_URAD) && within(hinge->max_urad, LARGEST_POSITION_URAD) &&
@@ -221,9 +219,9 @@ static bool numbers_are_possible(const mavlink_ori_config_hinge_t *hinge)
 
 static bool hinge_is_possible(const mavlink_ori_config_hinge_t *hinge)
 {
-    return numbers_are_possible(hinge) && hinge->channel < ORI_SERVO_OUTPUTS && hinge->adc < ORI_SERVO_OUTPUTS && hinge->min_urad < hinge->max_urad &&
-           hinge->max_velocity_mrad_s > 0 && hinge->max_acceleration_mrad_s2 > 0 && hinge->pulse_slope_ns != 0 &&
-           hinge->pulse_min_us >= 100 && hinge->pulse_min_us < hinge->pulse_max_us &&
+    return numbers_are_possible(hinge) && hinge->channel < ORI_SERVO_OUTPUTS && hinge->adc < ORI_SERVO_OUTPUTS &&
+           hinge->min_urad < hinge->max_urad && hinge->max_velocity_mrad_s > 0 && hinge->max_acceleration_mrad_s2 > 0 &&
+           hinge->pulse_slope_ns != 0 && hinge->pulse_min_us >= 100 && hinge->pulse_min_us < hinge->pulse_max_us &&
            hinge->pulse_max_us <= LONGEST_PULSE_US && hinge->feedback_low <= hinge->feedback_high &&
            hinge->feedback_high <= HIGHEST_COUNT;
 }
@@ -283,7 +281,6 @@ uint8_t config_commit(uint32_t hash, uint32_t *found)
         return ORI_REFUSED_HASH;
     if (!outputs_are_apart(free_slot(), pending.hinges, pending.latches))
         return ORI_REFUSED_RANGE;
-    writing = false;
     header.check = crc32(0, &header, offsetof(header_t, check));
     port_eeprom_write(slot_address(free_slot()), &header, sizeof header);
     return config_load() == CONFIG_GOOD && hash_in_force == hash ? ORI_ACCEPTED : ORI_REFUSED_HASH;

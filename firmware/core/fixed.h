@@ -4,16 +4,27 @@
 
 #include <stdint.h>
 
-/* a * b / 2^16, rounded to nearest. */
-static inline int32_t mul_q16(int32_t a, int32_t b)
+/* Products of 16 bits, each a few instructions on an 8-bit machine. They are functions of a file of their own: a
+ * compiler that sees a factor used twice extends it to 32 bits first, and makes the product three times as long. */
+uint32_t mul_uu(uint16_t a, uint16_t b);
+int32_t mul_su(int16_t a, uint16_t b);
+int32_t mul_ss(int16_t a, int16_t b);
+
+static inline int16_t upper(int32_t a)
 {
-    return (int32_t)(((int64_t)a * b + 0x8000) >> 16);
+    return (int16_t)(a >> 16);
 }
 
-/* a * b / 2^32, rounded to nearest. */
-static inline int32_t mul_q32(int32_t a, int32_t b)
+/* a * b / 2^16, rounded down. */
+static inline int32_t scale_u16(int32_t a, uint16_t b)
 {
-    return (int32_t)(((int64_t)a * b + (INT64_C(1) << 31)) >> 32);
+    return mul_su(upper(a), b) + (int32_t)(mul_uu((uint16_t)a, b) >> 16);
+}
+
+/* The same with a sign. */
+static inline int32_t scale_s16(int32_t a, int16_t b)
+{
+    return mul_ss(upper(a), b) + (mul_su(b, (uint16_t)a) >> 16);
 }
 
 static inline int64_t abs64(int64_t a)

@@ -5,6 +5,7 @@
 #include "fixed.h"
 #include "port.h"
 
+#define TICKS_PER_US (1000U / ORI_TICK_NS)
 #define STEP_MS ((uint16_t)(ORI_FRAME_US / 1000U))
 
 /* What is computed once from a record, so that a frame needs no division. */
@@ -12,6 +13,9 @@ typedef struct {
     int32_t tick_zero;       /* ticks at position 0, 2^-8 */
     int32_t tick_slope;      /* ticks per urad, 2^-32 */
     int32_t feedback_slope;  /* urad per count, 2^-12 */
+    uint16_t shortest;       /* ticks of a pulse */
+    uint16_t longest;
+    uint8_t output;
     uint16_t away_ms;        /* for how long it has not followed */
 } hinge_t;
 
@@ -52,6 +56,9 @@ void hinges_init(void)
         hinges[k].tick_zero = scaled(record->pulse_zero_ns, 256, ORI_TICK_NS);
         /* 2^32 / (500 ns 10^6) = 2^26 / 7812500 */
         hinges[k].tick_slope = scaled(record->pulse_slope_ns, INT32_C(1) << 26, 7812500);
+        hinges[k].output = record->channel;
+        hinges[k].shortest = (uint16_t)(record->pulse_min_us * TICKS_PER_US);
+        hinges[k].longest = (uint16_t)(record->pulse_max_us * TICKS_PER_US);
         hinges[k].feedback_slope = scaled(record->feedback_slope_nrad, 4096, 1000);
     }
 }
@@ -74,18 +81,18 @@ void hinges_forgive(void)
 /* Pulse for a position, rounded to the nearest tick and kept within what the servo may get. */
 static uint16_t ticks_of(uint8_t k, int32_t position_urad)
 {
-    const mavlink_ori_config_hinge_t *record = &config.hinge[k];
-    const int32_t fine = hinges[k].tick_zero + (int32_t)(((int64_t)hinges[k].tick_slope * position_urad) >> 24);
+    const hinge_t *hinge = &hinges[k];
+    const int32_t fine = hinge->tick_zero + (int32_t)(((int64_t)hinge->tick_slope * position_urad) >> 24);
     const int32_t ticks = (fine + 128) >> 8;
-    const int32_t low = (int32_t)record->pulse_min_us * (1000 / (int32_t)ORI_TICK_NS);
-    const int32_t high = (int32_t)record->pulse_max_us * (1000 / (int32_t)ORI_TICK_NS);
-    return (uint16_t)(ticks < low ? low : ticks > high ? high : ticks);
+    if (ticks < (int32_t)hinge->shortest)
+        return hinge->shortest;
+    return ticks > (int32_t)hinge->longest ? hinge->longest : (uint16_t)ticks;
 }
 
 static void ask(uint8_t k, int32_t position_urad)
 {
     asked[k] = position_urad;
-    port_servo(config.hinge[k].channel, ticks_of(k, position_urad));
+    port_servo(hinges[k].output, ticks_of(k, position_urad));
 }
 
 static void turn_off(uint8_t k)
@@ -160,8 +167,9 @@ void hinges_disable(uint16_t which)
 
 void hinges_output(const int32_t *position_urad)
 {
-    for (uint8_t k = 0; k < config.device.hinges; k++)
-        if (on & bit_of(k))
+    uint16_t bit = 1;
+    for (uint8_t k = 0; k < config.device.hinges; k++, bit <<= 1)
+        if (on & bit)
             ask(k, position_urad[k]);
 }
 

@@ -236,9 +236,10 @@ uint8_t machine_clear(uint8_t fault, int32_t *value)
     fault_forget();
     hinges_forgive();
     queue_clear();
-    go_to(config_hash() == 0 ? ORI_UNCONFIGURED : hinges_on() ? ORI_HOLDING : ORI_IDLE);
     if (stored == CONFIG_CORRUPT) /* the one that is forgotten came first and hid it */
         machine_trip(ORI_FAULT_CONFIG_CORRUPT, ORI_NOBODY);
+    else
+        go_to(hinges_on() ? ORI_HOLDING : ORI_IDLE);
     return ORI_ACCEPTED;
 }
 
@@ -292,8 +293,8 @@ static void advance(uint32_t next_frame_us)
         profile_us = next_frame_us;
         return;
     }
-    /* Rounded up, so that no crumb is left for one more frame. */
-    const uint32_t fall = (FULL_RATE * (ORI_FRAME_US / 1000U) + config.device.brake_ms - 1U) / config.device.brake_ms;
+    /* A little more than its share, so that no crumb is left for one more frame. */
+    const uint32_t fall = FULL_RATE * (ORI_FRAME_US / 1000U) / config.device.brake_ms + 1U;
     const uint32_t slower = rate > fall ? rate - fall : 0;
     /* While it still falls the mean of both rates counts; the last step may be shorter than a frame. */
     const uint32_t part = rate > fall ? ORI_FRAME_US : (uint32_t)((uint64_t)ORI_FRAME_US * rate / fall);

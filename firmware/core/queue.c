@@ -51,37 +51,40 @@ void queue_pass(uint32_t time_us)
     }
 }
 
-/* The four basis functions of a segment at one time; what all hinges share is computed once.
+/* The basis functions of a segment at one time; what all hinges share is computed once.
  *
- * With u the part of the segment that has passed, in units of 2^-24: `way` = u^2 (3 - 2 u) weighs the way from
- * knot to knot, in 2^-30; `begin` = u (1 - u)^2 dt and `end` = u^2 (1 - u) dt weigh the velocities, in
- * urad s / mrad 2^-16, that is in ms 2^-16: dt is at most 1000 ms and u (1 - u)^2 at most 4/27. */
+ * With u the part of the segment that has passed: `way` = u^2 (3 - 2 u), in 2^-16, weighs the way from knot to knot;
+ * `begin` = u (1 - u)^2 dt and `end` = u^2 (1 - u) dt weigh the velocities: mrad/s times ms is urad, so these are in
+ * ms 2^-16; dt is at most 1000 ms and u (1 - u)^2 at most 4/27. */
 typedef struct {
-    int32_t way;
+    uint16_t way;
     int32_t begin;
     int32_t end;
 } basis_t;
 
+/* Two divisions of 32 bits for all hinges. A segment beyond 2^16 us is reckoned in units of 16 us. */
 static basis_t basis_at(uint32_t since_us, uint32_t segment_us)
 {
-    /* One division for all hinges. since < segment <= 2^20, so the quotient is below 2^24. */
-    const uint32_t u = (uint32_t)(((uint64_t)since_us << 24) / segment_us);
-    const uint32_t v = (UINT32_C(1) << 24) - u;
-    const uint32_t uv = (uint32_t)(((uint64_t)u * v) >> 24);  /* 2^-24 */
-    const uint32_t uu = (uint32_t)(((uint64_t)u * u) >> 24);
-    const uint32_t segment_ms = (uint32_t)(((uint64_t)segment_us << 16) / 1000U); /* 2^-16 */
+    const uint8_t coarse = segment_us > UINT16_MAX ? 4 : 0;
+    const uint32_t part = ((since_us >> coarse) << 16) / (segment_us >> coarse);
+    const uint16_t u = part > UINT16_MAX ? UINT16_MAX : (uint16_t)part; /* 2^-16; in coarse units the end may be reached */
+    const uint16_t v = (uint16_t)(u ? 0U - u : UINT16_MAX);
+    const uint16_t uv = (uint16_t)(((uint32_t)u * v) >> 16);
+    const uint16_t uu = (uint16_t)(((uint32_t)u * u) >> 16);
+    const int32_t way = scale_u16(INT32_C(3) * 65536 - 2 * (int32_t)u, uu);
+    const int32_t segment_ms = (int32_t)((segment_us << 12) / 1000U); /* 2^-12 */
     basis_t basis;
-    basis.way = (int32_t)(((uint64_t)uu * (3 * (UINT32_C(1) << 24) - 2 * u)) >> 18);
-    basis.begin = (int32_t)(((uint64_t)(uint32_t)(((uint64_t)uv * v) >> 24) * segment_ms) >> 24);
-    basis.end = (int32_t)(((uint64_t)(uint32_t)(((uint64_t)uv * u) >> 24) * segment_ms) >> 24);
+    basis.way = way > UINT16_MAX ? UINT16_MAX : (uint16_t)way;
+    basis.begin = scale_u16(segment_ms, (uint16_t)(((uint32_t)uv * v) >> 16)) << 4;
+    basis.end = scale_u16(segment_ms, (uint16_t)(((uint32_t)uv * u) >> 16)) << 4;
     return basis;
 }
 
 static int32_t interpolate(const knot_t *a, const knot_t *b, uint8_t hinge, const basis_t *basis)
 {
-    const int64_t way = (int64_t)(b->position_urad[hinge] - a->position_urad[hinge]) * basis->way;
-    const int64_t bend = (int64_t)a->velocity_mrad_s[hinge] * basis->begin - (int64_t)b->velocity_mrad_s[hinge] * basis->end;
-    return a->position_urad[hinge] + (int32_t)((way + bend * (INT32_C(1) << 14) + (INT64_C(1) << 29)) >> 30);
+    const int32_t start = a->position_urad[hinge];
+    return start + scale_u16(b->position_urad[hinge] - start, basis->way) +
+           scale_s16(basis->begin, a->velocity_mrad_s[hinge]) - scale_s16(basis->end, b->velocity_mrad_s[hinge]);
 }
 
 void queue_positions(uint32_t time_us, uint8_t hinges, int32_t *position_urad)

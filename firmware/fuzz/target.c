@@ -124,19 +124,35 @@ static int16_t limited(double value, double most)
     return (int16_t)fmin(fmax(value, -most), most);
 }
 
+/* Where a motion is heading: it keeps so for several knots, or none would ever be fast. */
+static double drive;
+
+/* When the next knot is due: mostly in the host's cycle, and a motion's first one mostly not too soon. */
+static uint32_t next_time(const knot_t *last, bool begins)
+{
+    if (begins)
+        return (uint32_t)fake.micros + (take() % 8 ? 40000U + take16() : take16() % 40000U);
+    const uint8_t how = take();
+    return last->time_us + (how % 4 ? 20000U : how % 16 ? 1000U + take16() % 60000U : 66000U + take16());
+}
+
 /* The knot that is wanted next, from where the last one left; driven by the input, and often just within the limits. */
 static void next_knot(mavlink_ori_setpoints_t *setpoints, unsigned j, knot_t *last, bool begins)
 {
-    const uint32_t dt_us = begins ? 0 : take() % 4 ? 20000U : 1000U + (uint32_t)take16() % 60000U;
-    const uint32_t time_us = begins ? (uint32_t)fake.micros + 40000U + take16() : last->time_us + dt_us;
+    const uint32_t time_us = next_time(last, begins);
+    const uint32_t dt_us = begins ? 0 : time_us - last->time_us;
+    const uint8_t turn = take();
+    if (turn % 8 == 0)
+        drive = (int8_t)take() / 100.0;
+    const double stretch = turn % 16 == 1 ? 1 + take() / 512.0 : 1; /* farther than the velocities tell */
     setpoints->time_us[j] = time_us;
     for (unsigned k = 0; k < ORI_HINGES; k++) {
         const mavlink_ori_config_hinge_t *record = &config.hinge[k];
-        const double room = fmin(record->max_acceleration_mrad_s2 * 0.9 * dt_us * 1e-6, record->max_velocity_mrad_s);
-        const double wish = begins ? 0 : last->velocity_mrad_s[k] + room * ((int8_t)take() / 128.0);
+        const double room = fmin(record->max_acceleration_mrad_s2 * 0.95 * dt_us * 1e-6, record->max_velocity_mrad_s);
+        const double wish = begins ? 0 : last->velocity_mrad_s[k] + room * fmin(fmax(drive + (take() % 16) / 256.0, -1), 1);
         const int16_t v = limited(wish, record->max_velocity_mrad_s);
         setpoints->velocity_mrad_s[j * ORI_HINGES + k] = v;
-        const double p = last->position_urad[k] + (last->velocity_mrad_s[k] + v) * 0.5e-3 * dt_us;
+        const double p = last->position_urad[k] + (last->velocity_mrad_s[k] + v) * 0.5e-3 * dt_us * stretch;
         last->position_urad[k] = (int32_t)fmin(fmax(p, INT32_MIN), INT32_MAX);
         last->velocity_mrad_s[k] = v;
         setpoints->position_urad[j * ORI_HINGES + k] = last->position_urad[k];
@@ -160,6 +176,13 @@ static void say_setpoints(step_t *step)
     }
     turn_bits(&setpoints, MAVLINK_MSG_ID_ORI_SETPOINTS_LEN);
     say(step, KIND(ORI_SETPOINTS), &setpoints);
+}
+
+/* Enough for the host to fall silent afterwards without an underrun. */
+static void say_many_setpoints(step_t *step)
+{
+    for (unsigned n = take() % 4 ? 1 : 1 + take() % 12; n; n--)
+        say_setpoints(step);
 }
 
 static void say_command(step_t *step)
@@ -235,6 +258,18 @@ static void pass_frame(step_t *step)
         follow();
 }
 
+/* The host says nothing for a while. */
+static void fall_silent(void)
+{
+    for (unsigned n = take() % 16; n; n--) {
+        const step_t frame = {.frame = true};
+        fake.micros += ORI_FRAME_US;
+        core_frame(fake.micros);
+        follow();
+        watch_step(&frame);
+    }
+}
+
 static void change_inputs(void)
 {
     const uint8_t what = take();
@@ -263,7 +298,7 @@ static void do_step(void)
     else if (what < 8)
         say_enable(&step);
     else if (what < 16)
-        say_setpoints(&step);
+        say_many_setpoints(&step);
     else if (what < 19)
         say_command(&step);
     else if (what < 20)
@@ -272,6 +307,8 @@ static void do_step(void)
         change_inputs();
     else if (what < 22 && take() % 8 == 0)
         say_configuration(&step);
+    else if (what < 23)
+        fall_silent();
     else
         pass_frame(&step);
     watch_step(&step);
@@ -285,6 +322,9 @@ static void start(uint8_t how)
     if (how % 16 == 14)
         fake.eeprom[30] ^= 1;
     rig_restart((port_reset_t)(how % 64 < 60 ? PORT_RESET_POWER : how % 4));
+    if (how >= 128) /* a rig that reaches its speed at once */
+        for (unsigned k = 0; k < config.device.hinges; k++)
+            config.hinge[k].max_acceleration_mrad_s2 = 2000000;
     watch_begin();
 }
 
@@ -292,6 +332,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     input = data;
     left = size;
+    drive = 0;
     start(take());
     while (left)
         do_step();

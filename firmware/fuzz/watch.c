@@ -90,8 +90,10 @@ static void check_outputs(const seen_t *now)
         }
         CHECK(now->asked[k] >= record->min_urad && now->asked[k] <= record->max_urad);
         CHECK(ticks >= record->pulse_min_us * 2U && ticks <= record->pulse_max_us * 2U);
-        /* The slope is rounded to 2^-32 ticks per urad. */
-        CHECK_NEAR(ticks, ticks_of(record, now->asked[k]), 0.6 + fabs((double)now->asked[k]) * 0x1p-32);
+        /* Half a tick, and for the slope, which has 15 bits, a part of the pulse's change. */
+        const double expected = ticks_of(record, now->asked[k]);
+        const double change = (double)record->pulse_slope_ns * now->asked[k] * 1e-6 / ORI_TICK_NS;
+        CHECK_NEAR(ticks, expected, 0.6 + fabs(change) * 0x1p-14);
     }
     for (unsigned i = 0; i < ORI_SERVO_OUTPUTS; i++)
         CHECK(explained[i] || now->servo[i] == 0 || pin_outputs_have(i));

@@ -98,15 +98,16 @@ void port_servo(uint8_t output, uint16_t ticks) {
         return;
     }
     const unit_t *unit = &units[output];
-    const uint16_t bit = (uint16_t)(1U << output);
     if (ticks == 0U) {
         if (*unit->control & unit->connect) {
-            going_off |= bit;
+            going_off |= (uint16_t)(1U << output);
             servos_settle();
         }
         return;
     }
-    going_off &= (uint16_t)~bit;
+    if (going_off) { /* shifting by a number takes its time */
+        going_off &= (uint16_t) ~(1U << output);
+    }
     /* Both halves before the next BOTTOM or both after it: no interrupt uses these timers' shared high byte. */
     *unit->compare = (ticks < LONGEST_TICKS ? ticks : LONGEST_TICKS) - 1U;
     *unit->control |= unit->connect; /* after OCR: a connected unit always has its pulse */

@@ -396,6 +396,47 @@ static void test_outputs_are_used_once(void)
     latches[0].output = latches[1].output;
     send_records();
     CHECK_EQUAL(commit(hash()), ORI_ACCEPTED);
+    set_up(1, 1);
+    hinges[0].channel = 0; /* the first output of each kind */
+    latches[0].output = 0;
+    store();
+}
+
+/* What an older configuration left behind in the slot counts for nothing. */
+static void test_outputs_of_records_that_are_gone_are_free(void)
+{
+    set_up(2, 2);
+    store();
+    store();
+    device = rig_device(1, 1);
+    hinges[0].channel = latches[1].output;
+    store();
+    device = rig_device(2, 0);
+    store();
+    device = rig_device(1, 1);
+    hinges[0].channel = rig_hinge(1).channel;
+    store();
+}
+
+/* So that a newer firmware knows what it finds. */
+static void test_the_layout_in_the_eeprom(void)
+{
+    set_up(1, 1);
+    store();
+    const uint32_t header[4] = {0x4f524931, 1, hash(), crc32_of(0, fake.eeprom, 12)};
+    CHECK(memcmp(fake.eeprom, header, sizeof header) == 0);
+    CHECK(memcmp(fake.eeprom + HEADER, &device, MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN) == 0);
+    store();
+    CHECK_EQUAL(fake.eeprom[SLOT + 4], 2);
+}
+
+/* A first configuration that was begun and never came to its end is not nothing. */
+static void test_half_of_a_first_configuration_is_damage(void)
+{
+    set_up(1, 1);
+    CHECK_EQUAL(config_begin(&device), ORI_ACCEPTED);
+    CHECK_EQUAL(config_load(), CONFIG_CORRUPT);
+    store();
 }
 
 /* Store configurations one after the other that differ in one value. */
@@ -593,7 +634,9 @@ SUITE(config, TEST(test_nothing_is_stored_at_first), TEST(test_what_was_sent_is_
       TEST(test_records_beyond_the_counts_are_refused), TEST(test_missing_records_are_refused),
       TEST(test_a_wrong_hash_is_refused_and_the_right_one_told), TEST(test_a_hash_of_zero_is_refused),
       TEST(test_what_the_device_record_may_say), TEST(test_what_a_hinge_record_may_say), TEST(test_what_a_latch_record_may_say),
-      TEST(test_a_refused_record_is_not_stored), TEST(test_outputs_are_used_once), TEST(test_the_newest_is_in_force),
+      TEST(test_a_refused_record_is_not_stored), TEST(test_outputs_are_used_once),
+      TEST(test_outputs_of_records_that_are_gone_are_free), TEST(test_the_layout_in_the_eeprom),
+      TEST(test_half_of_a_first_configuration_is_damage), TEST(test_the_newest_is_in_force),
       TEST(test_a_torn_write_keeps_the_old_one), TEST(test_damage_is_found_and_the_other_is_in_force),
       TEST(test_impossible_counts_are_damage), TEST(test_a_new_configuration_ends_the_damage),
       TEST(test_an_erased_header_is_nothing_but_half_of_one_is_damage), TEST(test_worn_cells_are_noticed),

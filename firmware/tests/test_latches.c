@@ -224,6 +224,34 @@ static void test_a_magnet_with_full_duty_stays_on(void)
     CHECK(fake.magnet[1]);
 }
 
+static void test_what_is_left_is_told_to_the_per_mille(void)
+{
+    static const uint16_t left[] = {1000, 667, 334, 0};
+    set_up(1);
+    config.latch[0].max_on_ms = 60;
+    CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+    for (unsigned i = 0; i < 4; i++) {
+        CHECK_EQUAL(report().duty_left_permille[0], left[i]);
+        for (unsigned other = 1; other < ORI_LATCHES; other++)
+            CHECK_EQUAL(report().duty_left_permille[other], 1000);
+        latches_step();
+    }
+}
+
+static void test_all_eight_are_there(void)
+{
+    set_up(8);
+    for (uint8_t i = 0; i < 8; i++) {
+        CHECK(!latches_driven());
+        CHECK_EQUAL(latches_command(i, true), ORI_ACCEPTED);
+        latches_step();
+        CHECK_EQUAL(report().commanded, 1U << i);
+        CHECK_EQUAL(latches_driven(), i % 3 != 2);
+        CHECK_EQUAL(latches_command(i, false), ORI_ACCEPTED);
+    }
+    CHECK_EQUAL(latches_command(8, true), ORI_REFUSED_INDEX);
+}
+
 static void test_several_trip_at_once(void)
 {
     set_up(7);
@@ -319,5 +347,6 @@ SUITE(latches, TEST(test_everything_is_off_at_first), TEST(test_magnets_go_on_an
       TEST(test_passive_magnets_have_no_output), TEST(test_there_are_no_others),
       TEST(test_electromagnets_heat_as_the_model_does), TEST(test_a_magnet_lets_go_after_its_longest_time),
       TEST(test_the_longest_times_do_not_overflow), TEST(test_a_magnet_with_full_duty_stays_on), TEST(test_several_trip_at_once),
+      TEST(test_what_is_left_is_told_to_the_per_mille), TEST(test_all_eight_are_there),
       TEST(test_sensors_are_believed_when_steady), TEST(test_bouncing_sensors_are_not_believed),
       TEST(test_sensors_may_be_low_when_closed), TEST(test_latches_without_a_sensor_cannot_tell), TEST(test_debouncing_times));

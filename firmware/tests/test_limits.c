@@ -120,6 +120,12 @@ static void test_speed_at_its_limit(void)
     CHECK_EQUAL(fault_of(300000, 0, 0, 400001, 0), ORI_FAULT_VELOCITY_LIMIT);
     CHECK_EQUAL(fault_of(300000, 400000, 0, 0, 0), ORI_FAULT_NONE);
     CHECK_EQUAL(fault_of(300000, 400001, 0, 0, 0), ORI_FAULT_VELOCITY_LIMIT);
+    /* From the fastest back to the fastest forth and back again: no curve of the velocity is steeper. */
+    for (int sign = -1; sign <= 1; sign += 2) {
+        const int16_t v = (int16_t)(-sign * V_MAX);
+        CHECK_EQUAL(fault_of(300000, 0, v, sign * 200000, v), ORI_FAULT_NONE);
+        CHECK_EQUAL(fault_of(300000, 0, v, sign * 200001, v), ORI_FAULT_VELOCITY_LIMIT);
+    }
 }
 
 /* From rest with a constant acceleration, to rest with one; the acceleration's line has two ends. */

@@ -4,6 +4,7 @@
 
 #include "check.h"
 #include "core.h"
+#include "events.h"
 #include "faults.h"
 #include "hinges.h"
 #include "latches.h"
@@ -150,6 +151,7 @@ static void test_a_restart_under_way_leaves_nothing_on(void)
     CHECK_EQUAL(fault_latched(), ORI_FAULT_WATCHDOG_RESET);
     CHECK_EQUAL(machine_contiguous() | machine_stream() | machine_queued(), 0);
     CHECK_EQUAL(host_state().outputs_on, 0);
+    CHECK_EQUAL(host_latches().commanded, 0);
     check_no_knot_is_taken();
     frames_pass(10);
     check_outputs_are_off();
@@ -251,6 +253,30 @@ static void test_a_reset_without_a_configuration_can_be_cleared(void)
     CHECK_EQUAL(machine_state(), ORI_FAULTED);
     CHECK_EQUAL(host_clear(ORI_FAULT_WATCHDOG_RESET), ORI_ACCEPTED);
     CHECK_EQUAL(machine_state(), ORI_IDLE);
+}
+
+static void check_event(uint8_t code, uint8_t index, int32_t value)
+{
+    mavlink_ori_event_t event;
+    CHECK(events_take(&event));
+    CHECK_EQUAL(event.code, code);
+    CHECK_EQUAL(event.index, index);
+    CHECK_EQUAL(event.value, value);
+}
+
+/* Whatever the memory was before. */
+static void test_the_log_of_a_start(void)
+{
+    mavlink_ori_event_t event;
+    set_moving();
+    while (events_take(&event))
+        ;
+    rig_restart(PORT_RESET_WATCHDOG);
+    check_event(ORI_EVENT_BOOT, PORT_RESET_WATCHDOG, 0);
+    check_event(ORI_EVENT_FAULT, ORI_FAULT_WATCHDOG_RESET, ORI_NOBODY);
+    check_event(ORI_EVENT_STATE, ORI_FAULTED, ORI_UNCONFIGURED);
+    check_event(ORI_EVENT_CONFIG, 0, (int32_t)config_hash());
+    CHECK(!events_take(&event));
 }
 
 /* Enabling and disabling -------------------------------------------------------------------------------------- */
@@ -739,26 +765,64 @@ static void test_an_underrun_brakes_on_what_is_queued(void)
     check_rests();
 }
 
-/* It does not run low before less is left than half of the braking and two frames. */
+/* What the frame that comes next will find to be left after what has been done so far. */
+static int32_t left_us(void)
+{
+    return (int32_t)(queue_last()->time_us - (uint32_t)(fake.micros + ORI_FRAME_US));
+}
+
+/* Stream with the knots shifted, so that at some frame exactly so much is left. */
+static uint8_t state_with_left(int32_t us)
+{
+    rig_start();
+    enable_all();
+    begin_us += (uint64_t)us % STEP_US;
+    for (uint16_t i = 0; i < 19; i++)
+        send_knot(i);
+    do
+        frames_pass(1);
+    while (left_us() > us);
+    CHECK_EQUAL(left_us(), us);
+    CHECK_EQUAL(machine_state(), ORI_STREAMING);
+    frames_pass(1);
+    return machine_state();
+}
+
+/* It does not run low before less is left than half of the braking and two frames, to the microsecond. */
 static void test_as_much_as_is_needed_is_no_underrun(void)
 {
-    set_moving();
-    const int32_t needed = BRAKE_MS * 1000 / 2 + 2 * (int32_t)ORI_FRAME_US;
-    for (;;) {
-        const int32_t left = (int32_t)(queue_last()->time_us - (uint32_t)(fake.micros + ORI_FRAME_US));
-        frames_pass(1);
-        CHECK_EQUAL(machine_state(), left < needed ? ORI_BRAKING : ORI_STREAMING);
-        if (left < needed)
-            break;
+    CHECK_EQUAL(state_with_left(70000), ORI_STREAMING);
+    CHECK_EQUAL(state_with_left(69999), ORI_BRAKING);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_UNDERRUN);
+}
+
+/* Nor is silence too long before what is left of silence_ms is what braking and its two frames take. */
+static void test_silence_is_counted_to_the_microsecond(void)
+{
+    for (uint64_t early = 0; early < 2; early++) {
+        set_moving();
+        for (unsigned i = 0; i < 8; i++)
+            send_knot(sent++);
+        host_polls();
+        fake.micros += 50000 - early; /* with the frame's 20 ms these are 150 - 60 - 20 ms */
+        frame_passes();
+        CHECK_EQUAL(machine_state(), early ? ORI_STREAMING : ORI_BRAKING);
     }
-    set_moving();
-    begin_us -= 10000; /* 70 ms are a multiple of what is left now */
-    send_knot(sent);
-    while (machine_state() == ORI_STREAMING) {
-        const int32_t left = (int32_t)(queue_last()->time_us - (uint32_t)(fake.micros + ORI_FRAME_US));
-        frames_pass(1);
-        CHECK_EQUAL(machine_state(), left < needed ? ORI_BRAKING : ORI_STREAMING);
+}
+
+/* A first knot that lies ahead is waited for, and one alone ends its motion. */
+static void test_a_knot_alone_is_waited_for(void)
+{
+    rig_start();
+    enable_all();
+    host_knot(STREAM, 0, fake.micros + 100000, 0, 0);
+    for (unsigned i = 0; i < 4; i++) {
+        CHECK_EQUAL(machine_state(), ORI_STREAMING);
+        CHECK_EQUAL(machine_queued(), 1);
+        frames_pass(1); /* the fourth one's output is that of its time */
     }
+    CHECK_EQUAL(machine_state(), ORI_HOLDING);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE);
 }
 
 static void test_a_queue_that_ends_at_rest_runs_out_without_a_fault(void)
@@ -856,8 +920,12 @@ static void test_a_second_fault_while_braking_changes_nothing(void)
     fake.adc[ORI_ADC_SUPPLY] = 0;
     check_brakes(1);
     CHECK_EQUAL(fault_latched(), ORI_FAULT_HOST_BRAKE);
+    mavlink_ori_event_t event;
+    while (events_take(&event))
+        ;
     check_rests();
     CHECK_EQUAL(fault_latched(), ORI_FAULT_HOST_BRAKE);
+    CHECK(!events_take(&event)); /* what is found again in every frame is not told again */
     /* The cleared one makes room for what is still wrong. */
     CHECK_EQUAL(host_clear(ORI_FAULT_HOST_BRAKE), ORI_ACCEPTED);
     frame_passes();
@@ -888,6 +956,24 @@ static void test_after_braking_a_motion_runs_as_ever(void)
     frames_pass(10);
     CHECK_EQUAL(machine_state(), ORI_HOLDING);
     CHECK_EQUAL(hinges_asked()[0], there[0] + 20000);
+}
+
+static void test_the_second_time_braking_is_as_gentle(void)
+{
+    for (unsigned round = 0; round < 3; round++) {
+        if (round == 0)
+            set_moving();
+        else
+            stream_for(12);
+        CHECK_EQUAL(machine_state(), ORI_STREAMING);
+        machine_brake();
+        CHECK_EQUAL(check_brakes(0), BRAKE_MS / 20);
+        CHECK_EQUAL(host_clear(ORI_FAULT_HOST_BRAKE), ORI_ACCEPTED);
+        CHECK_EQUAL(host_disable(ALL), ORI_ACCEPTED);
+        for (uint8_t i = 0; i < RIG_HINGES; i++)
+            rig_place(i, 0); /* by hand */
+        enable_all();
+    }
 }
 
 /* Faults ------------------------------------------------------------------------------------------------------- */
@@ -1032,11 +1118,16 @@ static void test_the_causes_of_other_faults_do_not_matter(void)
 /* What cannot be is a fault for good. */
 static void test_an_empty_queue_under_way_is_an_internal_fault(void)
 {
-    set_moving();
+    rig_start();
+    enable_all();
+    begin_us += 7000; /* so that no output is at a knot */
+    stream_for(25);
+    const double at = output(0);
     queue_clear();
     frame_passes();
     CHECK_EQUAL(machine_state(), ORI_FAULTED);
     CHECK(fault_latched() != ORI_FAULT_NONE);
+    CHECK_NEAR(output(0), at, 0);
     rig_start();
     enable_all();
     host_knot(STREAM, 0, begin_us, 0, 0); /* a knot at rest: nothing runs low */
@@ -1084,6 +1175,28 @@ static void test_magnets_protect_themselves_during_a_fault(void)
     CHECK(!fake.magnet[1]);
     CHECK_EQUAL(host_latch(0, 1), ORI_REFUSED_TRIPPED);
     CHECK_EQUAL(host_latches().tripped, 0x1);
+}
+
+/* Each is told with its own number. */
+static void test_magnets_that_trip_are_told_apart(void)
+{
+    mavlink_ori_event_t event;
+    rig_start();
+    config.latch[2] = rig_latch(0); /* a second magnet */
+    config.latch[2].output = 5;
+    CHECK_EQUAL(host_latch(0, 1), ORI_ACCEPTED);
+    CHECK_EQUAL(host_latch(2, 1), ORI_ACCEPTED);
+    while (events_take(&event))
+        ;
+    for (unsigned i = 0; i < 50; i++)
+        frame_passes();
+    for (uint8_t i = 0; i < 3; i += 2) {
+        CHECK(events_take(&event));
+        CHECK_EQUAL(event.code, ORI_EVENT_LATCH_TRIPPED);
+        CHECK_EQUAL(event.index, i);
+        CHECK_EQUAL(event.value, 0);
+    }
+    CHECK(!events_take(&event));
 }
 
 /* Configurations ------------------------------------------------------------------------------------------------ */
@@ -1180,13 +1293,16 @@ SUITE(machine, TEST(test_nothing_moves_at_the_start), TEST(test_a_restart_under_
       TEST(test_the_first_knot_is_within_the_limits_too), TEST(test_a_refused_knot_ends_its_message),
       TEST(test_silence_brakes_in_time), TEST(test_any_word_of_the_host_ends_its_silence), TEST(test_noise_is_no_word),
       TEST(test_an_underrun_brakes_on_what_is_queued), TEST(test_as_much_as_is_needed_is_no_underrun),
+      TEST(test_silence_is_counted_to_the_microsecond), TEST(test_a_knot_alone_is_waited_for),
       TEST(test_a_queue_that_ends_at_rest_runs_out_without_a_fault), TEST(test_the_host_can_brake),
       TEST(test_braking_takes_its_time), TEST(test_a_motion_that_has_not_begun_does_not_begin),
       TEST(test_braking_ends_where_the_queue_ends), TEST(test_a_second_fault_while_braking_changes_nothing),
-      TEST(test_after_braking_a_motion_runs_as_ever), TEST(test_a_stalled_hinge_goes_off_and_the_others_brake),
+      TEST(test_after_braking_a_motion_runs_as_ever),
+      TEST(test_the_second_time_braking_is_as_gentle), TEST(test_a_stalled_hinge_goes_off_and_the_others_brake),
       TEST(test_a_stall_at_rest), TEST(test_a_stall_behind_another_fault), TEST(test_the_emergency_stop),
       TEST(test_the_emergency_stop_at_rest), TEST(test_a_sagging_supply), TEST(test_the_causes_of_other_faults_do_not_matter),
       TEST(test_an_empty_queue_under_way_is_an_internal_fault), TEST(test_faults_and_silence_move_no_latch),
-      TEST(test_magnets_protect_themselves_during_a_fault), TEST(test_configuring_needs_everything_off),
+      TEST(test_magnets_protect_themselves_during_a_fault),
+      TEST(test_magnets_that_trip_are_told_apart), TEST(test_the_log_of_a_start), TEST(test_configuring_needs_everything_off),
       TEST(test_a_refused_configuration_changes_nothing), TEST(test_a_new_configuration_begins_afresh),
       TEST(test_clearing_without_hinges_on_is_idle));

@@ -20,6 +20,7 @@ from sim_backends.microcontroller.build import Port
 from sim_backends.microcontroller.from_rig import Start, world_for_files
 from sim_backends.microcontroller.launcher import Microcontroller
 from tests.cli.test_dynamixel import EXAMPLES, end, run
+from tests.sim_backends.microcontroller.bench import need
 
 RIG = EXAMPLES / "rig_wing_mcu.toml"
 FRAME_S = 0.02
@@ -52,6 +53,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextmanager
 def board(made: Path, folder: Path, *, port: Port = "host", start: Start = "stowed") -> Iterator[Microcontroller]:
     """The wing's board, not configured yet, as ttyMCU in a folder."""
+    need(port)
     world = world_for_files(made / "rig.toml", made / "wing.plan.json", start)
     with Microcontroller(world, folder / "ttyMCU", port=port) as one:
         one.wait_ready()
@@ -75,6 +77,7 @@ def motion(command: str, made: Path, folder: Path, *more: str | Path) -> subproc
 @pytest.mark.slow
 def test_the_wing_deploys_by_the_commands_of_the_example(made: Path, tmp_path: Path) -> None:
     """The commands in the head of the example rig, as they stand there."""
+    need("atmega2560")
     text = [line.removeprefix("#   ") for line in RIG.read_text().splitlines() if line.startswith("#   ")]
     (tmp_path / "out").mkdir()
     (tmp_path / "examples").mkdir()

@@ -26,6 +26,7 @@ from sim_backends.microcontroller.from_rig import world_from_rig
 from sim_backends.microcontroller.launcher import Microcontroller, Wire
 from sim_backends.mock import MockBus
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
+from tests.sim_backends.microcontroller.bench import need
 
 N = 4
 STEP_RAD = 0.2
@@ -178,6 +179,7 @@ BOARD_RIG = {
 @contextmanager
 def mcu(folder: Path, *, port: Port) -> Iterator[Subject]:
     """The firmware on a simulated board, in a process of its own."""
+    need(port)
     plan = synthetic_plan(N)
     actuator = {"max_velocity_rad_s": 4.0, "max_torque_nm": 0.5, "min_position_rad": -3.1, "max_position_rad": 3.1}
     each_cell = {"zero_rad": 2.6, "gear_ratio": 4.0, "actuator": {**actuator, "max_acceleration_rad_s2": 60.0}}

@@ -24,6 +24,7 @@ from sim_backends.microcontroller.from_rig import world_from_rig
 from sim_backends.microcontroller.launcher import Microcontroller, Pulses
 from tests.contract.backends import BOARD_RIG, configure
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
+from tests.sim_backends.microcontroller.bench import need
 
 N = 4
 FRAME_S = 0.02
@@ -93,6 +94,7 @@ def on_board(
 
     A slow loop, a long queue and a patient board: the machine that runs the tests has other things to do as well.
     """
+    need(port)
     plan = plan or synthetic_plan(N, duration_s=3.0, rate_hz=rate_hz)
     link = folder / "ttyMCU"
     if rig is None:

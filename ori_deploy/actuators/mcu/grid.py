@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.mcu.records import device_acceleration, device_velocity
-from ori_deploy.actuators.mcu.wiring import QUEUE, Hinge
+from ori_deploy.actuators.mcu.wiring import Hinge
 
 FloatArray = NDArray[np.float64]
 
@@ -30,8 +30,9 @@ SHORTEST_S = 1.5e-3
 NOTICE_S = 0.15
 """How far ahead a motion begins at least: its first knots may be lost, and have to be sent again."""
 
-SPARE_KNOTS = 3
-"""Knots that may be queued beyond the lead, and places that stay free in the device's queue."""
+SPARE_KNOTS = 6
+"""Knots of a motion that may be queued beyond the lead, by a loop that was late and then catches up. What the
+device has no room for it leaves, and gets again with the next reading."""
 
 MOST_STRETCH, MOST_SQUEEZE = 0.01, 0.0025
 SLOWLY = 0.001
@@ -73,7 +74,7 @@ class Grid:
 
     def __init__(self, hinges: tuple[Hinge, ...], period_s: float, lead_s: float, min_lead_s: float) -> None:
         self._period, self._lead, self._min_lead = period_s, lead_s, min_lead_s
-        self._most = min(lead_s + SPARE_KNOTS * period_s, (QUEUE - SPARE_KNOTS) * period_s)
+        self._most = lead_s + SPARE_KNOTS * period_s
         self._names = [hinge.name for hinge in hinges]
         self._velocity = np.array([hinge.max_velocity_rad_s for hinge in hinges])
         self._acceleration = np.array([hinge.max_acceleration_rad_s2 for hinge in hinges])

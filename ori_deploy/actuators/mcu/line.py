@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -270,10 +269,10 @@ class McuLine:
 
     def _receive(self, take: Callable[[Message], bool], timeout_s: float) -> bool:
         """Take messages in until `take` has what it wants; False when the time is over first."""
-        deadline = time.monotonic() + timeout_s
+        deadline = self._clock.now() + timeout_s
         enough = False
         while True:
-            left = deadline - time.monotonic()
+            left = deadline - self._clock.now()
             messages = self.reader.feed(self.port.read(max(left, 0.0)))
             if not messages and left <= 0.0:
                 messages = self.reader.give_up()

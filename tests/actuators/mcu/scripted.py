@@ -1,4 +1,4 @@
-"""A microcontroller on a pty, written from the dialect's words and not from the firmware.
+"""A microcontroller written from the dialect's words and not from the firmware, in virtual time or on a pty.
 
 It keeps what the protocol promises and no more: hinges are where their outputs are, segments are not
 checked for limits. Every message on its way in or out passes a hook of the test, which may lose it, spoil it
@@ -18,6 +18,8 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Self
 
+from ori_deploy.actuators.bus import BusClosed
+from ori_deploy.clock import VirtualClock
 from ori_deploy.wire.generated import ori_deploy as d
 
 Hook = Callable[[Any, bytes], list[tuple[float, bytes]]]
@@ -54,6 +56,7 @@ class ScriptedDevice:
     """The device; attributes may be changed while it runs."""
 
     config: list[Any]
+    now: Callable[[], float] = time.monotonic
     drift: float = 0.0
     offset_s: float = 12.0
     to_host: Hook = unharmed
@@ -86,63 +89,28 @@ class ScriptedDevice:
         self.latches = [Latch() for _ in range(device.latches)]
         self.stored = list(self.config)
         self.begun: list[Any] = []
-        self._epoch = time.monotonic()
+        self._epoch = self.now()
         self._heard = 0.0
         self._last_ack: Any = None
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._parser = d.MAVLink(None)
         self._parser.robust_parsing = True
         self._writer = d.MAVLink(None, 1, 1)
-        self.lock = threading.RLock()
-        self.error: Exception | None = None
+        self.out: Callable[[bytes], object] = len
 
-    # -- running -------------------------------------------------------------------------------------
-
-    def __enter__(self) -> Self:
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.path = os.ttyname(self._slave)
-        self._running = True
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._running = False
-        self._thread.join()
-        self.unplug()
-        if self.error is not None:
-            raise self.error
-
-    def unplug(self) -> None:
-        self._running = False
-        self._thread.join()
-        for fd in (self._master, self._slave):
-            if fd >= 0:
-                os.close(fd)
-        self._master = self._slave = -1
-
-    def _serve(self) -> None:
-        try:
-            while self._running:
-                ready, _, _ = select.select([self._master], [], [], 0.001)
-                data = os.read(self._master, 4096) if ready else b""
-                with self.lock:
-                    now = time.monotonic()
-                    due = [action for at, action in self._later if at <= now]
-                    self._later = [(at, action) for at, action in self._later if at > now]
-                    for action in due:
-                        action()
-                    for message in self._parser.parse_buffer(data) or []:
-                        self._arrive(message)
-                    self._step()
-        except Exception as error:  # noqa: BLE001  told to the test by __exit__
-            self.error = error
+    def step(self, data: bytes = b"") -> None:
+        """Take bytes in, and do what is due by now."""
+        now = self.now()
+        due = [action for at, action in self._later if at <= now]
+        self._later = [(at, action) for at, action in self._later if at > now]
+        for action in due:
+            action()
+        for message in self._parser.parse_buffer(data) or []:
+            self._arrive(message)
+        self._advance()
 
     def now_us(self) -> int:
-        return int(1e6 * (self.offset_s + (1.0 + self.drift) * (time.monotonic() - self._epoch)))
+        return int(1e6 * (self.offset_s + (1.0 + self.drift) * (self.now() - self._epoch)))
 
     def _arrive(self, message: Any) -> None:
         if message.get_type() == "BAD_DATA" or self.dead:
@@ -152,7 +120,7 @@ class ScriptedDevice:
 
     def _after(self, delay: float, action: Callable[[], None]) -> None:
         if delay > 0.0:
-            self._later.append((time.monotonic() + delay, action))
+            self._later.append((self.now() + delay, action))
         else:
             action()
 
@@ -160,10 +128,7 @@ class ScriptedDevice:
         frame = bytes(message.pack(self._writer))
         self._writer.seq = (self._writer.seq + 1) % 256
         for delay, data in self.to_host(message, frame):
-            self._after(delay, lambda data=data: self._write(data))  # type: ignore[misc]
-
-    def _write(self, data: bytes) -> None:
-        os.write(self._master, data)
+            self._after(delay, lambda data=data: self.out(data))  # type: ignore[misc]
 
     # -- what it does --------------------------------------------------------------------------------
 
@@ -174,22 +139,20 @@ class ScriptedDevice:
             self.state = d.ORI_FAULTED
 
     def restart(self, fault: int = 0) -> None:
-        with self.lock:
-            self.boot += 1
-            self._epoch, self.offset_s = time.monotonic(), 0.3
-            self.outputs_on = self.contiguous = self.stream = 0
-            self.stream_open, self.knots, self._last_ack = False, [], None
-            self.fault, self.fault_index = fault, 255
-            self.state = d.ORI_FAULTED if fault else d.ORI_IDLE
+        self.boot += 1
+        self._epoch, self.offset_s = self.now(), 0.3
+        self.outputs_on = self.contiguous = self.stream = 0
+        self.stream_open, self.knots, self._last_ack = False, [], None
+        self.fault, self.fault_index = fault, 255
+        self.state = d.ORI_FAULTED if fault else d.ORI_IDLE
 
     def stall(self, index: int) -> None:
-        with self.lock:
-            self.stalled |= 1 << index
-            self.outputs_on &= ~(1 << index)
-            self.trip(d.ORI_FAULT_STALL, index)
+        self.stalled |= 1 << index
+        self.outputs_on &= ~(1 << index)
+        self.trip(d.ORI_FAULT_STALL, index)
 
-    def _step(self) -> None:
-        if self.state == d.ORI_STREAMING and time.monotonic() - self._heard > self.silence_s - self.brake_s - 0.02:
+    def _advance(self) -> None:
+        if self.state == d.ORI_STREAMING and self.now() - self._heard > self.silence_s - self.brake_s - 0.02:
             self.trip(d.ORI_FAULT_HOST_SILENT)
         now = self.now_us()
         while self.state == d.ORI_STREAMING and len(self.knots) > 1 and self.knots[1].time_us <= now:
@@ -219,7 +182,7 @@ class ScriptedDevice:
 
     def _take(self, message: Any) -> None:
         kind = message.get_type()
-        self._heard = time.monotonic()
+        self._heard = self.now()
         if kind == "TIMESYNC" and message.tc1 == 0:
             self.send(d.MAVLink_timesync_message(1000 * self.now_us(), message.ts1))
         elif kind == "ORI_POLL":
@@ -402,3 +365,108 @@ class ScriptedDevice:
             values = [0 if name == "token" else getattr(record, name) for name in record.ordered_fieldnames]
             crc = zlib.crc32(record.unpacker.pack(*values), crc)
         return crc
+
+
+STEP_S = 0.001
+
+
+class SteppedClock(VirtualClock):
+    """Virtual time that passes in steps, in each of which the devices live."""
+
+    def __init__(self) -> None:
+        super().__init__(100.0)
+        self.lives: list[Callable[[], None]] = []
+
+    def sleep_until(self, deadline: float) -> None:
+        while self.now() < deadline:
+            super().sleep_until(min(deadline, self.now() + STEP_S))
+            for live in self.lives:
+                live()
+
+
+class VirtualPort:
+    """A `SerialPort` to a device in virtual time; a message takes a step or two to the device and back."""
+
+    def __init__(self, device: ScriptedDevice, clock: SteppedClock) -> None:
+        self.path = "virtual"
+        self.is_open = False
+        self.plugged = True
+        self._device, self._clock = device, clock
+        self._there = b""
+        self._back = bytearray()
+        device.out = self._back.extend
+        clock.lives.append(self._live)
+
+    def _live(self) -> None:
+        data, self._there = self._there, b""
+        self._device.step(data)
+
+    def open(self) -> None:
+        if not self.plugged:
+            raise BusClosed("virtual is not plugged in")
+        self.is_open = True
+        self._back.clear()
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def check(self) -> None:
+        if not (self.is_open and self.plugged):
+            raise BusClosed("virtual is gone")
+
+    def write(self, data: bytes) -> None:
+        self.check()
+        self._there += data
+
+    def read(self, wait_s: float = 0.0) -> bytes:
+        self.check()
+        deadline = self._clock.now() + wait_s
+        while not self._back and self._clock.now() < deadline:
+            self._clock.sleep_until(min(deadline, self._clock.now() + STEP_S))
+        data = bytes(self._back)
+        self._back.clear()
+        return data
+
+
+class Pty:
+    """A device on a pty, for `with`; `lock` holds it still."""
+
+    def __init__(self, device: ScriptedDevice) -> None:
+        self.device = device
+        self.lock = threading.RLock()
+        self._error: Exception | None = None
+
+    def __enter__(self) -> Self:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+        self.device.out = lambda data: os.write(self._master, data)
+        self._running = True
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.unplug()
+        if self._error is not None:
+            raise self._error
+
+    def unplug(self) -> None:
+        self._running = False
+        self._thread.join()
+        for fd in (self._master, self._slave):
+            if fd >= 0:
+                os.close(fd)
+        self._master = self._slave = -1
+
+    def _serve(self) -> None:
+        try:
+            while self._running:
+                ready, _, _ = select.select([self._master], [], [], STEP_S)
+                data = os.read(self._master, 4096) if ready else b""
+                with self.lock:
+                    self.device.step(data)
+        except Exception as error:  # noqa: BLE001  told to the test by __exit__
+            self._error = error

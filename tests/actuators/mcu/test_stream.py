@@ -138,8 +138,9 @@ def test_knots_of_a_motion_are_evenly_spaced_and_ahead(
     knots += [made.last] if resting else []
     commanded: list[np.ndarray] = [np.zeros(2)] if resting else []
     origin = behind = 50.0
+    first_s = 0.04 * caught_up  # the queue is begun late, and then caught up with
     for i in range(110):
-        stall = sum(duration for cycle, duration in stalls if cycle == i)
+        stall = first_s * (i == 0) + sum(duration for cycle, duration in stalls if cycle == i)
         behind = max(behind, origin + i * PERIOD) + late[i] + stall  # then cycles follow each other at once
         origin += 0.0 if caught_up else stall
         now = rate * (behind if caught_up else origin + i * PERIOD + late[i])
@@ -158,9 +159,8 @@ def test_knots_of_a_motion_are_evenly_spaced_and_ahead(
     assert (spacing > 0.0).all()
     assert (spacing[moving] > 0.997).all()
     assert (spacing[moving] < 1.0101).all()
-    assert min(ahead) >= LEAD - 0.012 - sum(duration for _, duration in stalls) - 2e-3
-    assert max(ahead) <= LEAD + 3.5 * PERIOD
-    assert len([k for k in knots if k.time_s > knots[-1].time_s - LEAD]) <= 20
+    assert min(ahead) >= LEAD - 0.012 - first_s - sum(duration for _, duration in stalls) - 2e-3
+    assert max(ahead) <= LEAD + 6.5 * PERIOD
     speeds = np.array([k.velocity_rad_s for k in knots])[1:]  # as fast on the device's clock as the spacing says
     np.testing.assert_allclose(speeds[moving] * rate * spacing[moving, None], np.array(commanded)[1:][moving])
     velocity, acceleration = device_velocity(3.0), device_acceleration(20.0)

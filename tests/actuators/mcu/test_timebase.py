@@ -99,3 +99,12 @@ def test_a_rate_that_changes_is_followed() -> None:
 def test_an_answer_before_its_question_is_a_slip() -> None:
     with pytest.raises(ValueError, match="answer"):
         Timebase().add(1.0, 0.5, 3.0)
+
+
+def test_a_coarse_clock_is_not_taken_for_an_exact_one() -> None:
+    base = Timebase()
+    for i in range(40):  # exchanges that take no time: all that is left is the clock's own step
+        exchange(base, 0.0100007 * i, 0.0, 1.0, 1e-7, 1e-7)
+        t = 0.0100007 * i
+        assert abs(base.device_s(t) - 1.0 - t) <= base.error_s(t)
+        assert abs(base.rate - 1.0) <= base.rate_error
