@@ -187,8 +187,10 @@ static void on_config_device(const mavlink_message_t *message)
     mavlink_ori_config_device_t record;
     int32_t value = 0;
     mavlink_msg_ori_config_device_decode(message, &record);
-    if (!is_repeated(record.token))
-        answer(record.token, machine_config_begin(&record, &value), ORI_NOBODY, value);
+    if (is_repeated(record.token))
+        return;
+    const uint8_t result = machine_config_begin(&record, &value);
+    answer(record.token, result, ORI_NOBODY, value);
 }
 
 static void on_config_hinge(const mavlink_message_t *message)

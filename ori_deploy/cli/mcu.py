@@ -154,13 +154,13 @@ def config(rig_file: Path, plan_file: Path, port: str | None, check: bool, as_js
         raise RigError("no microcontroller here", limit="a table [mcu]", remedy="give another rig", source=rig.source)
     wanted = records(rig.mcu)
     with _place(port, None, rig.mcu.settings).opened() as found:
-        before = found.info.config_hash
-        same = before == config_hash(wanted)
+        found_hash = found.info.config_hash
+        same = found_hash == config_hash(wanted)
         if not same and not check:
             write_config(found.line, wanted)
         document = {
             "port": found.line.port.path,
-            "before": f"{before:08x}" if before else None,
+            "before": f"{found_hash:08x}" if found_hash else None,
             "rig": f"{config_hash(wanted):08x}",
             "written": not same and not check,
         }
@@ -169,10 +169,11 @@ def config(rig_file: Path, plan_file: Path, port: str | None, check: bool, as_js
     elif same:
         click.echo(f"{document['port']}: has the rig's configuration, {document['rig']}; nothing was written")
     else:
-        done = "has another one" if check else "written"
-        click.echo(
-            f"{document['port']}: configuration {document['rig']} {done}; before: {document['before'] or 'none'}"
-        )
+        before = document["before"] or "none"
+        if check:
+            click.echo(f"{document['port']}: has configuration {before}; the rig's is {document['rig']}")
+        else:
+            click.echo(f"{document['port']}: configuration {document['rig']} written; before: {before}")
     if check and not same:
         raise SystemExit(EXIT_NOT_DONE)
 
