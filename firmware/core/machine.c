@@ -339,15 +339,14 @@ void machine_frame(uint64_t now_us, uint64_t next_frame_us)
 {
     if (state == ORI_UNCONFIGURED)
         return;
-    watch(now_us);
-    if (state == ORI_STREAMING || state == ORI_BRAKING) {
-        if (queue_size() == 0) {
-            machine_trip(ORI_FAULT_INTERNAL, ORI_NOBODY);
-            go_to(ORI_FAULTED);
-            return;
-        }
-        follow_queue((uint32_t)next_frame_us);
+    if ((state == ORI_STREAMING || state == ORI_BRAKING) && queue_size() == 0) { /* cannot be, and must not be read */
+        machine_trip(ORI_FAULT_INTERNAL, ORI_NOBODY);
+        go_to(ORI_FAULTED);
+        return;
     }
+    watch(now_us);
+    if (state == ORI_STREAMING || state == ORI_BRAKING)
+        follow_queue((uint32_t)next_frame_us);
     uint8_t tripped = latches_step();
     for (uint8_t i = 0; tripped; i++, tripped >>= 1)
         if (tripped & 1U)

@@ -9,7 +9,8 @@ from pydantic.dataclasses import dataclass
 
 from ori_deploy.actuators.numbers import STRICT, Finite, Name, NonNegative, Positive, at_most, between
 
-Baud = Literal[115200, 250000, 500000, 1000000]
+Baud = Literal[500000]
+"""The one rate that the firmware knows."""
 
 FRAME_S = 0.02
 """Between two pulses of a servo; what the device does takes effect with the next one, or the one after it."""

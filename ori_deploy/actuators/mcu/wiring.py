@@ -5,7 +5,7 @@ Everything that can be known without a device is refused here, before anything i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
@@ -27,8 +27,8 @@ SILENT_CYCLES = 2.0
 
 MAX_VELOCITY_RAD_S = 30.0
 MAX_ACCELERATION_RAD_S2 = 1e6
-MAX_POSITION_RAD = 2000.0
-"""Beyond these a number does not fit its field."""
+MAX_POSITION_RAD = 100.0
+"""Beyond these a number does not fit its field, or the device's fixed point."""
 
 
 class _Actuator(Protocol):
@@ -210,24 +210,6 @@ def resolve_wiring(
     outputs = _Pins("servo output", OUTPUTS, "use fewer hinges and lock pins", source)
     hinges = _hinges(settings, actuators, outputs, source)
     return McuWiring(settings, hinges, _latches(settings, latches, outputs, source))
-
-
-def latches_here(
-    settings: McuSettings, latches: Sequence[_L], elsewhere: Collection[str]
-) -> tuple[tuple[_L, ...], tuple[_L, ...]]:
-    """Which latches of a rig are on the microcontroller, and which are not.
-
-    Parameters
-    ----------
-    elsewhere
-        Latches that another bus has an entry for.
-    """
-    named = {entry.latch for entry in settings.latch}
-    here = [latch.id in named or (settings.each_latch is not None and latch.id not in elsewhere) for latch in latches]
-    return (
-        tuple(latch for latch, on in zip(latches, here, strict=True) if on),
-        tuple(latch for latch, on in zip(latches, here, strict=True) if not on),
-    )
 
 
 # -- checks ------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from ori_deploy.actuators.mcu.readings import temperature_c
 from ori_deploy.actuators.mcu.records import config_hash, device_acceleration, device_velocity, records
 from ori_deploy.actuators.mcu.settings import Thermistor
-from ori_deploy.actuators.mcu.wiring import latches_here, resolve_wiring
+from ori_deploy.actuators.mcu.wiring import resolve_wiring
 from ori_deploy.actuators.rig import Latch
 from ori_deploy.errors import RigError
 from ori_deploy.wire.generated import ori_deploy as d
@@ -66,7 +66,7 @@ def test_every_record_fits_its_fields_at_the_ends_of_what_is_allowed() -> None:
         settings(**slow)
     made = resolve_wiring(
         settings(each_hinge=wide, stall_rad=3.0, seat_rad=0.5, stall_s=10.0, supply_divider=100.0, min_supply_v=60.0),
-        [actuator("a", max_velocity_rad_s=30.0, max_acceleration_rad_s2=1e6, max_position_rad=2000.0)],
+        [actuator("a", max_velocity_rad_s=30.0, max_acceleration_rad_s2=1e6, max_position_rad=100.0)],
         [Latch(id="e", secures="stow", kind="electromagnet", max_on_s=3600.0, duty_cycle=1e-6)],
         50.0,
         None,
@@ -154,15 +154,6 @@ def test_a_number_beyond_its_field_is_refused() -> None:
     for change in ({"max_velocity_rad_s": 31.0}, {"max_acceleration_rad_s2": 2e6}):
         with pytest.raises(RigError, match="can be told"):
             resolve_wiring(settings(), [actuator("a", **change)], (), 50.0, None)
-
-
-def test_latches_are_shared_out() -> None:
-    latches = (magnet("m"), lock_pin("p"), electromagnet("e"))
-    here, there = latches_here(settings(), latches, {"p"})
-    assert [latch.id for latch in here] == ["m", "e"]
-    assert [latch.id for latch in there] == ["p"]
-    here, there = latches_here(settings(each_latch=None, latch=[{"latch": "e", "output": 0}]), latches, ())
-    assert [latch.id for latch in here] == ["e"]
 
 
 def test_thermistor() -> None:
