@@ -1,5 +1,7 @@
 #include "queue.h"
 
+#include <string.h>
+
 #include "fixed.h"
 
 static knot_t ring[QUEUE_KNOTS];
@@ -69,14 +71,14 @@ static basis_t basis_at(uint32_t since_us, uint32_t segment_us)
     const uint32_t part = ((since_us >> coarse) << 16) / (segment_us >> coarse);
     const uint16_t u = part > UINT16_MAX ? UINT16_MAX : (uint16_t)part; /* 2^-16; in coarse units the end may be reached */
     const uint16_t v = (uint16_t)(u ? 0U - u : UINT16_MAX);
-    const uint16_t uv = (uint16_t)(((uint32_t)u * v) >> 16);
-    const uint16_t uu = (uint16_t)(((uint32_t)u * u) >> 16);
+    const uint16_t uv = (uint16_t)(mul_uu(u, v) >> 16);
+    const uint16_t uu = (uint16_t)(mul_uu(u, u) >> 16);
     const int32_t way = scale_u16(INT32_C(3) * 65536 - 2 * (int32_t)u, uu);
     const int32_t segment_ms = (int32_t)((segment_us << 12) / 1000U); /* 2^-12 */
     basis_t basis;
     basis.way = way > UINT16_MAX ? UINT16_MAX : (uint16_t)way;
-    basis.begin = scale_u16(segment_ms, (uint16_t)(((uint32_t)uv * v) >> 16)) << 4;
-    basis.end = scale_u16(segment_ms, (uint16_t)(((uint32_t)uv * u) >> 16)) << 4;
+    basis.begin = scale_u16(segment_ms, (uint16_t)(mul_uu(uv, v) >> 16)) << 4;
+    basis.end = scale_u16(segment_ms, (uint16_t)(mul_uu(uv, u) >> 16)) << 4;
     return basis;
 }
 
@@ -94,10 +96,14 @@ void queue_positions(uint32_t time_us, uint8_t hinges, int32_t *position_urad)
     while (i < size && (int32_t)(time_us - ring[place(i)].time_us) >= 0)
         a = &ring[place(i++)];
     const bool between = i < size && (int32_t)(time_us - a->time_us) > 0;
-    const knot_t *b = &ring[place(between ? i : 0)];
-    const basis_t basis = between ? basis_at(time_us - a->time_us, b->time_us - a->time_us) : (basis_t){0, 0, 0};
+    if (!between) {
+        memcpy(position_urad, a->position_urad, hinges * sizeof *position_urad);
+        return;
+    }
+    const knot_t *b = &ring[place(i)];
+    const basis_t basis = basis_at(time_us - a->time_us, b->time_us - a->time_us);
     for (uint8_t k = 0; k < hinges; k++)
-        position_urad[k] = between ? interpolate(a, b, k, &basis) : a->position_urad[k];
+        position_urad[k] = interpolate(a, b, k, &basis);
 }
 
 bool knot_moves(const knot_t *knot, uint8_t hinges)
