@@ -1,4 +1,4 @@
-"""The command line as a user meets it, in processes of its own."""
+"""The command line: in a process of its own where signals, pipes or the exit status are the matter."""
 
 from __future__ import annotations
 
@@ -18,15 +18,11 @@ from ori_deploy.cli import main, session
 from ori_deploy.cli.session import StopRequest, run_command
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.states import State
+from tests.cli.inside import run
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 COMMANDS = ("design", "poses", "plan", "deploy", "stow", "report", "demo", "limit", "strip", "bus", "doctor")
-
-
-def run(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "ori_deploy.cli", *(str(w) for w in words)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
 
 
 @pytest.fixture(scope="session")
@@ -121,6 +117,14 @@ def test_bad_input_ends_in_one_line_and_status_2(made: Path, words: tuple[str | 
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert sorted(made.iterdir()) == before
+
+
+def test_a_shell_sees_the_status_and_one_line(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "ori_deploy.cli", "design", "missing.toml"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
 
 
 def test_colliding_slit_is_refused_and_leaves_no_plan(tmp_path: Path) -> None:

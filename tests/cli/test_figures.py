@@ -37,7 +37,13 @@ def test_every_name_has_a_maker() -> None:
     assert tuple(MAKERS) == NAMES
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "fig3"])
+SLOW = ("walls",)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in NAMES if name != "fig3"],
+)
 def test_a_figure_is_written_as_pictures_and_data(name: str, tmp_path: Path) -> None:
     done = run("--out", tmp_path / "new" / "folder", "--quick", "--workers", "1", name)
     assert done.exit_code == 0, done.output

@@ -197,10 +197,11 @@ def test_a_search_interrupted_before_anything_is_found(tmp_path: Path, monkeypat
         ({"optimize": "spars = 2"}, ("--search-layouts", "--cells", "3"), ("straight spars", "--cells ")),
         ({"wall": 0.4}, ("--starts", "2"), ("no structure found", "wall 0.4 m", "thinner wall")),
         ({"optimize": "panel_m = 5.0"}, (), ("panel_m", "limit")),
-        (
+        pytest.param(
             {"cells": 6, "optimize": 'objective = "wall"\neta_at_least = 100.0'},
             (),
             ("eta reaches 6.", "eta at least 100", "a smaller eta_at_least"),
+            marks=pytest.mark.slow,
         ),
         ({"optimize": 'objective = "eat"'}, (), ("objective",)),
         ({"optimize": 'objective = "wall"'}, (), ("eta_at_least",)),
