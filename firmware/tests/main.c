@@ -1,6 +1,7 @@
 /* Runs the tests, each in a process of its own, so that none sees what another left behind.
  *
  * Usage: unit [--first] [SUBJECT...]   with --first the first failure ends the run; subjects named come first.
+ * A subject stands for its parts as well: machine for machine_start and the like.
  */
 #define _POSIX_C_SOURCE 200809L
 #include <stdbool.h>
@@ -14,12 +15,16 @@
 #define LONGEST_TEST_S 60U
 #define LONGEST_TEST_OF_MUTANTS_S 2U
 
-extern const suite_t suite_queue, suite_limits, suite_hinges, suite_latches, suite_faults, suite_config, suite_machine,
-    suite_supply, suite_events, suite_messages;
+extern const suite_t suite_queue, suite_limits, suite_hinges, suite_latches, suite_faults, suite_config_records,
+    suite_config_slots, suite_machine_start, suite_machine_commands, suite_machine_stream, suite_machine_silence,
+    suite_machine_braking, suite_machine_faults, suite_machine_config, suite_supply, suite_events,
+    suite_messages_frames, suite_messages_answers, suite_messages_unasked;
 
 static const suite_t *const suites[] = {
-    &suite_queue,  &suite_limits,  &suite_hinges, &suite_latches, &suite_faults,
-    &suite_config, &suite_machine, &suite_supply, &suite_events,  &suite_messages,
+    &suite_queue, &suite_limits, &suite_hinges, &suite_latches, &suite_faults, &suite_config_records,
+    &suite_config_slots, &suite_machine_start, &suite_machine_commands, &suite_machine_stream,
+    &suite_machine_silence, &suite_machine_braking, &suite_machine_faults, &suite_machine_config, &suite_supply,
+    &suite_events, &suite_messages_frames, &suite_messages_answers, &suite_messages_unasked,
 };
 #define SUITES (sizeof suites / sizeof suites[0])
 
@@ -55,9 +60,11 @@ static void run_suite(const suite_t *suite)
 
 static bool is_named(const suite_t *suite, int count, char **names)
 {
-    for (int i = 0; i < count; i++)
-        if (strcmp(names[i], suite->name) == 0)
+    for (int i = 0; i < count; i++) {
+        const size_t size = strlen(names[i]);
+        if (strncmp(names[i], suite->name, size) == 0 && (suite->name[size] == '\0' || suite->name[size] == '_'))
             return true;
+    }
     return false;
 }
 

@@ -141,6 +141,13 @@ void host_says(kind_t kind, const void *payload)
         core_poll();
 }
 
+void poll_all(void)
+{
+    while (fake.to_device_taken < fake.to_device_size)
+        core_poll();
+    core_poll();
+}
+
 mavlink_ori_ack_t host_commands(kind_t kind, const void *payload)
 {
     mavlink_ori_ack_t ack = {0};

@@ -36,6 +36,8 @@ uint16_t rig_ticks(uint8_t hinge, double rad);
 
 /* Say something, and let the device take it in. */
 void host_says(kind_t kind, const void *payload);
+/* Let the device take in all that was said, and once more. */
+void poll_all(void);
 /* Say a command and return the answer. */
 mavlink_ori_ack_t host_commands(kind_t kind, const void *payload);
 uint16_t host_token(void);
