@@ -28,7 +28,7 @@ CORE = HERE / "core"
 TESTS = HERE / "tests"
 GENERATED = HERE / "build" / "generated"
 EQUIVALENT = HERE / "mutants_equivalent.txt"
-FILES = ("limits", "machine", "latches", "faults", "supply", "hinges", "config")
+FILES = ("motion_limits", "machine", "latches", "faults", "supply", "hinges", "config")
 NEEDED = 0.9
 LONGEST_RUN_S = 10.0
 
@@ -366,7 +366,7 @@ def run(files: list[str], jobs: int) -> int:
             count = mine + verdicts.count("survived")
             survivors += [m for m, v in zip(mutants, verdicts, strict=True) if v == "survived"]
             stillborn = verdicts.count("stillborn")
-            print(f"{file + '.c':12} {mine:4} of {count:4} killed, {stillborn} stillborn", flush=True)
+            print(f"{file + '.c':16} {mine:4} of {count:4} killed, {stillborn} stillborn", flush=True)
             killed, total = killed + mine, total + count
     for mutant in survivors:
         print(f"survived {mutant.file}.c:{mutant.line}\n    {mutant.key}")

@@ -5,7 +5,7 @@
 #include "fixed.h"
 #include "hinges.h"
 #include "latches.h"
-#include "limits.h"
+#include "motion_limits.h"
 #include "port.h"
 #include "queue.h"
 #include "supply.h"

@@ -30,10 +30,8 @@ $(BUILD)/host/core/%.o: $(CORE)/%.c $(CODECS)
 $(BUILD)/host/port/%.o: port_host/%.c
 	$(HOST_COMPILE)
 
-# The board is not to see the core's headers, whose names are their own.
 $(BUILD)/host/board/%.o: $(BOARD)/%.c
-	@mkdir -p $(@D)
-	$(HOST_CC) $(HOST_FLAGS) -MMD -MP -c $< -o $@
+	$(HOST_COMPILE)
 
 $(BUILD)/ori_host: $(HOST_OBJECTS)
 	$(HOST_CC) $(HOST_FLAGS) $^ -lutil -lm -o $@

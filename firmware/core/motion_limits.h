@@ -1,6 +1,6 @@
 /* What the configuration allows a hinge to be asked for. The host cannot command more. */
-#ifndef ORI_LIMITS_H
-#define ORI_LIMITS_H
+#ifndef ORI_MOTION_LIMITS_H
+#define ORI_MOTION_LIMITS_H
 
 #include "config.h"
 #include "queue.h"

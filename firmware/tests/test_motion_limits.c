@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "check.h"
-#include "limits.h"
+#include "motion_limits.h"
 
 #define V_MAX 2000
 #define A_MAX 20000U
@@ -284,7 +284,7 @@ static void test_extremes_overflow_nothing(void)
     CHECK_EQUAL(fault_of(1000000, 0, INT16_MAX, 32767000, INT16_MAX), ORI_FAULT_NONE);
 }
 
-SUITE(limits, TEST(test_knots_are_within_ranges_and_speeds), TEST(test_every_hinge_has_its_own_limits),
+SUITE(motion_limits, TEST(test_knots_are_within_ranges_and_speeds), TEST(test_every_hinge_has_its_own_limits),
       TEST(test_knots_are_in_order_and_not_too_far_apart), TEST(test_speed_at_its_limit), TEST(test_acceleration_at_its_limit),
       TEST(test_positions_stay_in_the_range), TEST(test_extremes_overflow_nothing), TEST(test_random_segments_of_a_quick_rig),
       TEST(test_random_segments_of_a_slow_rig), TEST(test_random_segments_of_the_quickest_rig));

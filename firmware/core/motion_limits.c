@@ -1,4 +1,4 @@
-#include "limits.h"
+#include "motion_limits.h"
 
 #include "fixed.h"
 
