@@ -17,6 +17,7 @@ static const uint8_t ends[] = {
     [ORI_FAULT_CONFIG_CORRUPT] = UNTIL_CONFIGURED,
     [ORI_FAULT_INTERNAL] = PERMANENT,
     [ORI_FAULT_HOST_BRAKE] = CLEARABLE,
+    [ORI_FAULT_FEEDBACK_LOST] = CLEARABLE,
 };
 
 static uint8_t latched = ORI_FAULT_NONE;

@@ -12,6 +12,12 @@ typedef enum {
 
 fault_end_t fault_end(uint8_t fault);
 
+/* What was found wrong, and with which hinge. */
+typedef struct {
+    uint8_t fault; /* ORI_FAULT_NONE when all is well */
+    uint8_t hinge;
+} verdict_t;
+
 /* The latched fault: the first one stays. */
 uint8_t fault_latched(void);
 uint8_t fault_index(void);

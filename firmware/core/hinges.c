@@ -17,6 +17,7 @@ typedef struct {
     uint16_t longest;
     uint8_t output;
     uint16_t away_ms;        /* for how long it has not followed */
+    uint8_t dark_frames;     /* for how long it has not said where it is, while on */
 } hinge_t;
 
 static hinge_t hinges[ORI_HINGES];
@@ -100,6 +101,7 @@ static void turn_off(uint8_t k)
     on &= (uint16_t)~bit_of(k);
     asked[k] = 0;
     hinges[k].away_ms = 0;
+    hinges[k].dark_frames = 0;
     port_servo(config.hinge[k].channel, 0);
 }
 
@@ -178,11 +180,30 @@ const int32_t *hinges_asked(void)
     return asked;
 }
 
-uint8_t hinges_sense(void)
+/* One reading that cannot be is noise: it takes several in a row. */
+static void count_dark(uint8_t k)
 {
-    uint8_t worst = ORI_NOBODY;
+    const bool dark = (on & bit_of(k)) && has_feedback(k) && !(sensed & bit_of(k));
+    if (!dark)
+        hinges[k].dark_frames = 0;
+    else if (hinges[k].dark_frames < FEEDBACK_LOST_FRAMES)
+        hinges[k].dark_frames++;
+}
+
+uint8_t hinges_lost(void)
+{
+    for (uint8_t k = 0; k < config.device.hinges; k++)
+        if (hinges[k].dark_frames >= FEEDBACK_LOST_FRAMES)
+            return k;
+    return ORI_NOBODY;
+}
+
+verdict_t hinges_sense(void)
+{
+    verdict_t worst = {ORI_FAULT_NONE, ORI_NOBODY};
     measure();
     for (uint8_t k = 0; k < config.device.hinges; k++) {
+        count_dark(k);
         if (!(on & sensed & bit_of(k)) || distance(asked[k], measured[k]) <= config.device.stall_urad) {
             hinges[k].away_ms = 0;
             continue;
@@ -191,9 +212,11 @@ uint8_t hinges_sense(void)
         if (hinges[k].away_ms > config.device.stall_ms) {
             stalled |= bit_of(k);
             turn_off(k);
-            worst = k;
+            worst = (verdict_t){ORI_FAULT_STALL, k};
         }
     }
+    if (worst.fault == ORI_FAULT_NONE && hinges_lost() != ORI_NOBODY)
+        worst = (verdict_t){ORI_FAULT_FEEDBACK_LOST, hinges_lost()};
     return worst;
 }
 

@@ -3,6 +3,10 @@
 #define ORI_HINGES_H
 
 #include "config.h"
+#include "faults.h"
+
+/* One more than the supply's: a supply that fails takes every sensor with it, and is to be told first. */
+#define FEEDBACK_LOST_FRAMES 6U
 
 /* Every output off. */
 void hinges_init(void);
@@ -25,8 +29,12 @@ void hinges_output(const int32_t *position_urad);
 /* Where the outputs are, 0 for those that are off. */
 const int32_t *hinges_asked(void);
 
-/* Take in the sensors, once a frame. Returns a hinge that stalled in it, or ORI_NOBODY. */
-uint8_t hinges_sense(void);
+/* Take in the sensors, once a frame. Returns a hinge that stalled in it and went off, or else one that is on and has not
+ * said where it is for FEEDBACK_LOST_FRAMES. */
+verdict_t hinges_sense(void);
+
+/* A hinge that is on and has not said where it is for so long, or ORI_NOBODY. */
+uint8_t hinges_lost(void);
 
 void hinges_report(mavlink_ori_state_t *report);
 

@@ -220,7 +220,8 @@ uint8_t machine_latch(uint8_t index, bool engage)
 
 static bool cause_persists(uint8_t fault)
 {
-    return (fault == ORI_FAULT_ESTOP && port_estop()) || (fault == ORI_FAULT_SUPPLY_LOW && supply_is_low());
+    return (fault == ORI_FAULT_ESTOP && port_estop()) || (fault == ORI_FAULT_SUPPLY_LOW && supply_is_low()) ||
+           (fault == ORI_FAULT_FEEDBACK_LOST && hinges_lost() != ORI_NOBODY);
 }
 
 uint8_t machine_clear(uint8_t fault, int32_t *value)
@@ -322,11 +323,11 @@ static void follow_queue(uint32_t next_frame_us)
 
 static void watch(uint64_t now_us)
 {
-    const uint8_t lame = hinges_sense();
-    if (lame != ORI_NOBODY)
-        machine_trip(ORI_FAULT_STALL, lame);
+    const verdict_t lame = hinges_sense();
     if (port_estop())
         machine_trip(ORI_FAULT_ESTOP, ORI_NOBODY);
+    if (lame.fault != ORI_FAULT_NONE)
+        machine_trip(lame.fault, lame.hinge);
     if (supply_step())
         machine_trip(ORI_FAULT_SUPPLY_LOW, ORI_NOBODY);
     if (state == ORI_STREAMING && host_is_silent(now_us))

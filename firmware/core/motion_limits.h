@@ -3,12 +3,8 @@
 #define ORI_MOTION_LIMITS_H
 
 #include "config.h"
+#include "faults.h"
 #include "queue.h"
-
-typedef struct {
-    uint8_t fault; /* ORI_FAULT_NONE when all is well */
-    uint8_t hinge;
-} verdict_t;
 
 /* A knot by itself: ranges and velocities. */
 verdict_t limits_of_knot(const knot_t *knot);

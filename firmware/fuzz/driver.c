@@ -94,7 +94,7 @@ static void tell(void)
     for (unsigned i = 0; i < 6; i++)
         printf(" %s %" PRIu64, names[i], watch_states[i]);
     printf("; faults");
-    for (unsigned i = 1; i < 16; i++)
+    for (unsigned i = 1; i < ORI_FAULT_ENUM_END; i++)
         printf(" %" PRIu64, watch_faults[i]);
     putchar('\n');
 }

@@ -24,7 +24,7 @@ typedef struct {
     uint64_t frame_us;
 } seen_t;
 
-uint64_t watch_states[6], watch_steps, watch_knots, watch_faults[16];
+uint64_t watch_states[6], watch_steps, watch_knots, watch_faults[ORI_FAULT_ENUM_END];
 
 static seen_t before;
 static uint64_t last_word_us;
@@ -134,7 +134,7 @@ static void check_faults(const seen_t *now, const step_t *step)
     const bool moves = now->state == ORI_STREAMING || now->state == ORI_HOLDING || now->state == ORI_IDLE;
     CHECK(!moves || now->fault == ORI_FAULT_NONE);
     CHECK((now->state != ORI_FAULTED && now->state != ORI_BRAKING) || now->fault != ORI_FAULT_NONE);
-    CHECK(now->fault < 16);
+    CHECK(now->fault < ORI_FAULT_ENUM_END);
 }
 
 static void check_queue(const seen_t *now)

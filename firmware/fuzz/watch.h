@@ -5,6 +5,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "wire.h"
+
 /* What a step has in it that may change something. */
 typedef struct {
     bool enable, disable, latch, clear, config; /* a message of this kind was among the bytes */
@@ -20,6 +22,6 @@ void watch_step(const step_t *step);
 
 /* How often each state was seen, for who wants to know what a run has reached. */
 extern uint64_t watch_states[6];
-extern uint64_t watch_steps, watch_knots, watch_faults[16];
+extern uint64_t watch_steps, watch_knots, watch_faults[ORI_FAULT_ENUM_END];
 
 #endif

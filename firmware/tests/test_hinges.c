@@ -38,6 +38,12 @@ static uint8_t enable_one(uint8_t hinge, int32_t position_urad, int32_t *value)
     return result;
 }
 
+/* The hinge that stalled, or has lost its feedback. */
+static uint8_t sense(void)
+{
+    return hinges_sense().hinge;
+}
+
 static void count_of(uint8_t hinge, uint16_t count)
 {
     fake.adc[rig_hinge(hinge).adc] = count;
@@ -59,9 +65,9 @@ static void test_starting_again_forgets_everything(void)
     CHECK_EQUAL(enable(0xf, at_zero), ORI_ACCEPTED);
     rig_place(1, 0.5);
     for (unsigned i = 0; i < 5; i++)
-        hinges_sense();
+        sense();
     rig_place(2, 0.5);
-    while (hinges_sense() == ORI_NOBODY)
+    while (sense() == ORI_NOBODY)
         ;
     CHECK(hinges_stalled() != 0);
     const int32_t there[ORI_HINGES] = {111, 222};
@@ -79,7 +85,7 @@ static void test_starting_again_forgets_everything(void)
     CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
     rig_place(0, 0.5);
     for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
 }
 
 static void test_pulses_are_where_they_should_be(void)
@@ -328,17 +334,17 @@ static void test_a_hinge_that_does_not_follow_goes_off(void)
     rig_place(0, 0.1);
     rig_place(2, 0.1);
     for (unsigned i = 0; i < 50; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY); /* hinge 1 is 0.1 rad away, and no farther */
+        CHECK_EQUAL(sense(), ORI_NOBODY); /* hinge 1 is 0.1 rad away, and no farther */
     rig_place(1, -0.004);
     for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
-    CHECK_EQUAL(hinges_sense(), 1);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
+    CHECK_EQUAL(sense(), 1);
     CHECK_EQUAL(hinges_on(), 0x5);
     CHECK_EQUAL(hinges_stalled(), 0x2);
     CHECK_EQUAL(fake.servo[rig_hinge(1).channel], 0);
     CHECK_EQUAL(hinges_asked()[1], 0);
     for (unsigned i = 0; i < 50; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
     CHECK_EQUAL(fake.servo[rig_hinge(0).channel], rig_ticks(0, 0.1));
 }
 
@@ -351,8 +357,8 @@ static void test_stalling_takes_as_long_as_it_may(void)
         CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
         rig_place(0, 0.5);
         for (unsigned n = 0; n < times_ms[i] / 20U; n++)
-            CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
-        CHECK_EQUAL(hinges_sense(), 0);
+            CHECK_EQUAL(sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), 0);
     }
 }
 
@@ -363,26 +369,26 @@ static void test_a_hinge_that_catches_up_has_its_time_again(void)
     for (unsigned round = 0; round < 3; round++) {
         rig_place(0, 0.5);
         for (unsigned i = 0; i < 5; i++)
-            CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+            CHECK_EQUAL(sense(), ORI_NOBODY);
         rig_place(0, -0.1);
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
     }
     /* So has one that was turned off and on, */
     rig_place(0, 0.5);
     for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
     hinges_disable(1);
     const int32_t there[ORI_HINGES] = {500000};
     CHECK_EQUAL(enable(1, there), ORI_ACCEPTED);
     rig_place(0, 0);
     for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
     /* and one that was enabled again where it is. */
     CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
     rig_place(0, -0.5);
     for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
-    CHECK_EQUAL(hinges_sense(), 0);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
+    CHECK_EQUAL(sense(), 0);
 }
 
 static void test_a_stalled_hinge_stays_off_until_it_is_forgiven(void)
@@ -391,7 +397,7 @@ static void test_a_stalled_hinge_stays_off_until_it_is_forgiven(void)
     set_up(1);
     CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
     rig_place(0, 0.5);
-    while (hinges_sense() == ORI_NOBODY)
+    while (sense() == ORI_NOBODY)
         ;
     CHECK_EQUAL(enable_one(0, 500000, &value), ORI_REFUSED_TRIPPED);
     hinges_forgive();
@@ -407,8 +413,84 @@ static void test_who_cannot_tell_does_not_stall(void)
     count_of(0, 3);
     count_of(1, 900);
     for (unsigned i = 0; i < 50; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK(hinges_sense().fault != ORI_FAULT_STALL);
     CHECK_EQUAL(hinges_on(), 3);
+}
+
+static verdict_t sense_for(unsigned frames)
+{
+    verdict_t verdict = {ORI_FAULT_NONE, ORI_NOBODY};
+    while (frames--)
+        verdict = hinges_sense();
+    return verdict;
+}
+
+static void test_feedback_is_lost_after_some_frames(void)
+{
+    static const uint16_t counts[] = {0, 19, 1001, 1023};
+    for (unsigned i = 0; i < 4; i++) {
+        set_up(3);
+        CHECK_EQUAL(enable(7, at_zero), ORI_ACCEPTED);
+        count_of(1, counts[i]);
+        CHECK_EQUAL(sense_for(5).fault, ORI_FAULT_NONE);
+        CHECK_EQUAL(hinges_lost(), ORI_NOBODY);
+        for (unsigned n = 0; n < 300; n++) { /* and for ever */
+            const verdict_t verdict = hinges_sense();
+            CHECK_EQUAL(verdict.fault, ORI_FAULT_FEEDBACK_LOST);
+            CHECK_EQUAL(verdict.hinge, 1);
+            CHECK_EQUAL(hinges_lost(), 1);
+        }
+        CHECK_EQUAL(hinges_on(), 7); /* it goes on holding */
+        rig_place(1, 0);
+        CHECK_EQUAL(sense_for(1).fault, ORI_FAULT_NONE);
+        CHECK_EQUAL(hinges_lost(), ORI_NOBODY);
+    }
+}
+
+static void test_a_noisy_reading_loses_no_feedback(void)
+{
+    set_up(1);
+    CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
+    for (unsigned i = 0; i < 20; i++) {
+        count_of(0, i % 2 ? 0 : 1023);
+        CHECK_EQUAL(sense_for(5).fault, ORI_FAULT_NONE);
+        rig_place(0, 0);
+        CHECK_EQUAL(sense_for(1).fault, ORI_FAULT_NONE);
+    }
+}
+
+/* One without feedback has none to lose, nor has one that is off; and one that goes on again begins anew. */
+static void test_feedback_counts_while_a_hinge_is_on(void)
+{
+    set_up(2);
+    config.hinge[1].flags = 0;
+    count_of(0, 0);
+    count_of(1, 0);
+    CHECK_EQUAL(enable(2, at_zero), ORI_ACCEPTED);
+    CHECK_EQUAL(sense_for(50).fault, ORI_FAULT_NONE);
+    rig_place(0, 0);
+    CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
+    count_of(0, 0);
+    CHECK_EQUAL(sense_for(6).fault, ORI_FAULT_FEEDBACK_LOST);
+    hinges_disable(1);
+    CHECK_EQUAL(hinges_lost(), ORI_NOBODY);
+    CHECK_EQUAL(sense_for(50).fault, ORI_FAULT_NONE);
+}
+
+/* A hinge that went off is told first. */
+static void test_a_stall_is_told_before_lost_feedback(void)
+{
+    set_up(2);
+    CHECK_EQUAL(enable(3, at_zero), ORI_ACCEPTED);
+    rig_place(0, 0.5);
+    count_of(1, 0);
+    CHECK_EQUAL(sense_for(5).fault, ORI_FAULT_NONE);
+    verdict_t verdict = hinges_sense();
+    CHECK_EQUAL(verdict.fault, ORI_FAULT_STALL);
+    CHECK_EQUAL(verdict.hinge, 0);
+    verdict = hinges_sense();
+    CHECK_EQUAL(verdict.fault, ORI_FAULT_FEEDBACK_LOST);
+    CHECK_EQUAL(verdict.hinge, 1);
 }
 
 static void test_who_is_off_does_not_stall(void)
@@ -417,7 +499,7 @@ static void test_who_is_off_does_not_stall(void)
     CHECK_EQUAL(enable(0x5, at_zero), ORI_ACCEPTED);
     rig_place(1, 0.5); /* moved by hand */
     for (unsigned i = 0; i < 50; i++)
-        CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+        CHECK_EQUAL(sense(), ORI_NOBODY);
     CHECK_EQUAL(hinges_stalled(), 0);
 }
 
@@ -426,7 +508,7 @@ static void test_all_twelve_are_there(void)
     const int32_t position[ORI_HINGES] = {[11] = 1000};
     set_up(12);
     CHECK_EQUAL(enable(0xfff, at_zero), ORI_ACCEPTED);
-    CHECK_EQUAL(hinges_sense(), ORI_NOBODY);
+    CHECK_EQUAL(sense(), ORI_NOBODY);
     hinges_output(position);
     CHECK_EQUAL(hinges_on(), 0xfff);
     CHECK_EQUAL(hinges_asked()[11], 1000);
@@ -443,7 +525,7 @@ static void test_several_stall_at_once(void)
     rig_place(1, 0.5);
     uint8_t lame = ORI_NOBODY;
     for (unsigned i = 0; i < 6; i++)
-        lame = hinges_sense();
+        lame = sense();
     CHECK(lame == 0 || lame == 1);
     CHECK_EQUAL(hinges_on(), 4);
     CHECK_EQUAL(hinges_stalled(), 3);
@@ -456,7 +538,7 @@ static void test_the_report_says_it_all(void)
     set_up(4);
     CHECK_EQUAL(enable(0xb, at_zero), ORI_ACCEPTED);
     rig_place(3, 0.5);
-    while (hinges_sense() == ORI_NOBODY)
+    while (sense() == ORI_NOBODY)
         ;
     hinges_output(position);
     count_of(1, 0);
@@ -483,5 +565,7 @@ SUITE(hinges, TEST(test_every_output_is_off_at_first), TEST(test_starting_again_
       TEST(test_all_go_on_or_none), TEST(test_there_are_no_others), TEST(test_only_those_that_are_on_get_outputs),
       TEST(test_a_hinge_that_does_not_follow_goes_off), TEST(test_stalling_takes_as_long_as_it_may), TEST(test_a_hinge_that_catches_up_has_its_time_again),
       TEST(test_a_stalled_hinge_stays_off_until_it_is_forgiven), TEST(test_who_cannot_tell_does_not_stall),
+      TEST(test_feedback_is_lost_after_some_frames), TEST(test_a_noisy_reading_loses_no_feedback),
+      TEST(test_feedback_counts_while_a_hinge_is_on), TEST(test_a_stall_is_told_before_lost_feedback),
       TEST(test_several_stall_at_once), TEST(test_who_is_off_does_not_stall), TEST(test_all_twelve_are_there),
       TEST(test_the_report_says_it_all));

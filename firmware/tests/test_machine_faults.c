@@ -69,6 +69,64 @@ static void test_a_stall_behind_another_fault(void)
     CHECK_EQUAL(hinges_on(), 0x3);
 }
 
+static void test_lost_feedback_under_way_brakes(void)
+{
+    set_moving();
+    for (unsigned i = 0; i < 5; i++) {
+        fake.adc[rig_hinge(1).adc] = 0;
+        send_ahead();
+        frame_passes();
+        CHECK_EQUAL(machine_state(), ORI_STREAMING);
+        hinges_follow();
+    }
+    fake.adc[rig_hinge(1).adc] = 0;
+    send_ahead();
+    frame_passes();
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_FEEDBACK_LOST);
+    CHECK_EQUAL(fault_index(), 1);
+    CHECK_EQUAL(machine_state(), ORI_BRAKING);
+    check_no_knot_is_taken();
+    check_brakes(0);
+    CHECK_EQUAL(hinges_on(), ALL);
+    check_rests();
+    CHECK_EQUAL(host_clear(ORI_FAULT_FEEDBACK_LOST), ORI_ACCEPTED); /* hinges_follow mended it */
+    CHECK_EQUAL(machine_state(), ORI_HOLDING);
+}
+
+/* At rest it is one as well: who holds and is pushed away would not be noticed. */
+static void test_lost_feedback_at_rest(void)
+{
+    rig_start();
+    enable_all();
+    fake.adc[rig_hinge(2).adc] = 0;
+    for (unsigned i = 0; i < 5; i++) {
+        frame_passes();
+        CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE);
+    }
+    frame_passes();
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_FEEDBACK_LOST);
+    CHECK_EQUAL(fault_index(), 2);
+    CHECK_EQUAL(machine_state(), ORI_FAULTED);
+    CHECK_EQUAL(hinges_on(), ALL);
+    CHECK_EQUAL(host_clear(ORI_FAULT_FEEDBACK_LOST), ORI_REFUSED_CAUSE);
+    CHECK_EQUAL(host_disable(0x4), ORI_ACCEPTED);
+    CHECK_EQUAL(host_clear(ORI_FAULT_FEEDBACK_LOST), ORI_ACCEPTED);
+    CHECK_EQUAL(machine_state(), ORI_HOLDING);
+}
+
+/* A supply that fails silences the servos: it is what is told. */
+static void test_a_supply_that_fails_is_no_lost_feedback(void)
+{
+    rig_start();
+    enable_all();
+    fake.adc[ORI_ADC_SUPPLY] = 0;
+    for (uint8_t i = 0; i < RIG_HINGES; i++)
+        fake.adc[rig_hinge(i).adc] = 0;
+    for (unsigned i = 0; i < 10; i++)
+        frame_passes();
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_SUPPLY_LOW);
+}
+
 static void test_the_emergency_stop(void)
 {
     set_moving();
@@ -242,7 +300,9 @@ static void test_clearing_without_hinges_on_is_idle(void)
 }
 
 SUITE(machine_faults, TEST(test_a_stalled_hinge_goes_off_and_the_others_brake), TEST(test_a_stall_at_rest),
-      TEST(test_a_stall_behind_another_fault), TEST(test_the_emergency_stop), TEST(test_the_emergency_stop_at_rest),
+      TEST(test_a_stall_behind_another_fault),
+      TEST(test_lost_feedback_under_way_brakes), TEST(test_lost_feedback_at_rest),
+      TEST(test_a_supply_that_fails_is_no_lost_feedback), TEST(test_the_emergency_stop), TEST(test_the_emergency_stop_at_rest),
       TEST(test_a_sagging_supply), TEST(test_the_causes_of_other_faults_do_not_matter),
       TEST(test_an_empty_queue_under_way_is_an_internal_fault), TEST(test_faults_and_silence_move_no_latch),
       TEST(test_magnets_protect_themselves_during_a_fault), TEST(test_magnets_that_trip_are_told_apart),

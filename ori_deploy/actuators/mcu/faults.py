@@ -81,6 +81,10 @@ _FAULTS: Mapping[int, tuple[type[ActuatorFault], str]] = MappingProxyType(
             ActuatorFault,
             "was told to stop while moving; remedy: clear the fault and arm",
         ),
+        dialect.ORI_FAULT_FEEDBACK_LOST: (
+            ActuatorFault,
+            f"no longer says where it is; remedy: check its feedback wire, {CLEAR}",
+        ),
     }
 )
 
@@ -91,6 +95,7 @@ _OF_HINGES = frozenset(
         dialect.ORI_FAULT_ACCELERATION_LIMIT,
         dialect.ORI_FAULT_DISCONTINUITY,
         dialect.ORI_FAULT_STALL,
+        dialect.ORI_FAULT_FEEDBACK_LOST,
     }
 )
 
@@ -154,5 +159,9 @@ def refusal(ack: Ack, what: str, names: Sequence[str]) -> CommandRefused:
         dialect.ORI_REFUSED_CAUSE: f"the cause of the fault {fault_name(ack.value)} persists; remedy: remove it",
         dialect.ORI_REFUSED_HASH: f"what it stored has hash {ack.value & 0xFFFFFFFF:08x}; remedy: write it again",
         dialect.ORI_REFUSED_SENSOR: f"{who} does not say where it is; remedy: check its feedback wire",
+        dialect.ORI_REFUSED_HOT: f"latch {ack.index} is warm, and would be taken for cold; it is in "
+        f"{1e-3 * ack.value:.0f} s; remedy: wait so long",
+        dialect.ORI_REFUSED_SUPPLY: f"the servos' supply is {1e-3 * ack.value:.2f} V; limit: min_supply_v; "
+        "remedy: switch it on",
     }
     return CommandRefused(f"{what}: {words.get(ack.result, f'refused with result {ack.result}')}")
