@@ -4,11 +4,16 @@
 
 /* At most so many bytes at a time, so that a flood of noise does not keep the frame waiting. */
 #define BYTES_AT_A_TIME 64U
+/* After so long without a byte what was begun will not be ended: a frame whose length was damaged is not to take the
+ * next one for its rest. USB carries bytes every millisecond; two of them that go by without are no pause yet. */
+#define PAUSE_US 2500U
 
 mavlink_system_t mavlink_system = {1, 1};
 
 static mavlink_message_t incoming;
 static mavlink_status_t parser;
+static uint32_t quiet_since_us;
+static bool heard; /* a byte, since it was last quiet */
 
 /* Lengths and checksum seeds of what a host may say, told by code, which costs no RAM. What is not here is no frame. */
 #define FROM_THE_HOST(X) \
@@ -62,12 +67,27 @@ static bool is_from_the_host(const mavlink_message_t *message)
            message->compid == ORI_HOST_COMPONENT;
 }
 
+/* No byte is there. The time counts from when that was first seen: bytes that came while the core was busy are taken
+ * before it is. */
+static void keep_quiet(void)
+{
+    const uint32_t now = (uint32_t)port_micros();
+    if (heard)
+        quiet_since_us = now;
+    else if (now - quiet_since_us > PAUSE_US)
+        parser.parse_state = MAVLINK_PARSE_STATE_IDLE;
+    heard = false;
+}
+
 const mavlink_message_t *wire_receive(void)
 {
     for (uint8_t n = 0; n < BYTES_AT_A_TIME; n++) {
         const int16_t byte = port_receive();
-        if (byte < 0)
+        if (byte < 0) {
+            keep_quiet();
             return NULL;
+        }
+        heard = true;
         const uint8_t framing = mavlink_frame_char_buffer(&incoming, &parser, (uint8_t)byte, NULL, NULL);
         if (framing == MAVLINK_FRAMING_OK && is_from_the_host(&incoming))
             return &incoming;

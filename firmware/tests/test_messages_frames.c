@@ -70,6 +70,56 @@ static void test_frames_cut_short_are_not_believed(void)
     }
 }
 
+/* What ends too early, or says that it is longer than it is, swallows nothing that comes after a pause. */
+static void test_a_pause_ends_what_was_begun(void)
+{
+    uint8_t frame[LONGEST_FRAME];
+    rig_start();
+    for (size_t size = 1; size < 15; size++) {
+        (void)poll_frame(frame, 0x1234);
+        CHECK(!is_answered(frame, size));
+        fake.micros += 2501;
+        core_poll();
+        CHECK(is_answered(frame, poll_frame(frame, 1)));
+    }
+    const size_t size = poll_frame(frame, 0x1234);
+    frame[1] = 250;
+    CHECK(!is_answered(frame, size));
+    fake.micros += 2501;
+    core_poll();
+    CHECK(is_answered(frame, poll_frame(frame, 1)));
+}
+
+/* A byte now and then is enough, and time in which nobody looked is no pause. */
+static void test_slow_bytes_are_one_frame(void)
+{
+    uint8_t frame[LONGEST_FRAME];
+    mavlink_ori_state_t state;
+    rig_start();
+    fake.micros = (UINT64_C(1) << 32) - 10000; /* times wrap around under way */
+    size_t size = poll_frame(frame, 1);
+    fake.from_device_size = 0;
+    for (size_t at = 0; at < size; at++) {
+        fake_type(frame + at, 1);
+        poll_all();
+        fake.micros += 2500;
+        core_poll();
+    }
+    CHECK(frame_take_kind(KIND(ORI_STATE), &state));
+    size = poll_frame(frame, 2);
+    CHECK(!is_answered(frame, 7));
+    fake.micros += 100000;
+    CHECK(is_answered(frame + 7, size - 7));
+    static const uint8_t noise[57]; /* with the 7 as many as are taken at a time: that no more came was not seen */
+    size = poll_frame(frame, 3);
+    fake_type(noise, sizeof noise);
+    fake_type(frame, 7);
+    core_poll();
+    fake.micros += 100000;
+    core_poll();
+    CHECK(is_answered(frame + 7, size - 7));
+}
+
 static void test_others_are_not_believed(void)
 {
     uint8_t frame[LONGEST_FRAME];
@@ -145,7 +195,8 @@ static void test_a_flood_does_not_keep_the_frame_waiting(void)
 }
 
 SUITE(messages_frames, TEST(test_a_good_frame_is_answered), TEST(test_no_spoilt_frame_is_believed),
-      TEST(test_frames_cut_short_are_not_believed), TEST(test_others_are_not_believed),
+      TEST(test_frames_cut_short_are_not_believed),
+      TEST(test_a_pause_ends_what_was_begun), TEST(test_slow_bytes_are_one_frame), TEST(test_others_are_not_believed),
       TEST(test_signed_frames_are_not_believed), TEST(test_frames_of_the_first_mavlink_are_not_believed),
       TEST(test_what_only_a_device_says_is_no_word_of_the_host), TEST(test_frames_may_come_in_pieces_and_in_crowds),
       TEST(test_a_flood_does_not_keep_the_frame_waiting));
