@@ -38,9 +38,18 @@ uint8_t fault_index(void)
     return about;
 }
 
+static uint8_t gravity(uint8_t fault)
+{
+    if (fault == ORI_FAULT_NONE)
+        return 0;
+    if (fault == ORI_FAULT_HOST_BRAKE)
+        return 1;
+    return fault_end(fault) == PERMANENT ? 3 : 2;
+}
+
 bool fault_trip(uint8_t fault, uint8_t index)
 {
-    if (latched != ORI_FAULT_NONE)
+    if (gravity(fault) <= gravity(latched))
         return false;
     latched = fault;
     about = index;

@@ -18,11 +18,12 @@ typedef struct {
     uint8_t hinge;
 } verdict_t;
 
-/* The latched fault: the first one stays. */
+/* The latched fault: the first one stays, unless a graver one comes. Every fault is graver than the host's own wish to
+ * brake, which would hide what it braked for; and one that only power ends is not to be cleared with another. */
 uint8_t fault_latched(void);
 uint8_t fault_index(void);
 
-/* Latch a fault unless one is. Returns whether it was latched now. */
+/* Latch a fault unless one as grave is. Returns whether it was latched now. */
 bool fault_trip(uint8_t fault, uint8_t index);
 void fault_forget(void);
 

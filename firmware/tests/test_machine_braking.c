@@ -82,23 +82,56 @@ static void test_braking_ends_where_the_queue_ends(void)
 static void test_a_second_fault_while_braking_changes_nothing(void)
 {
     set_moving();
-    machine_brake();
+    machine_trip(ORI_FAULT_UNDERRUN, ORI_NOBODY);
     frame_passes();
     fake.estop = true;
     fake.adc[ORI_ADC_SUPPLY] = 0;
     check_brakes(1);
-    CHECK_EQUAL(fault_latched(), ORI_FAULT_HOST_BRAKE);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_UNDERRUN);
     mavlink_ori_event_t event;
     while (events_take(&event))
         ;
     check_rests();
-    CHECK_EQUAL(fault_latched(), ORI_FAULT_HOST_BRAKE);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_UNDERRUN);
     CHECK(!events_take(&event)); /* what is found again in every frame is not told again */
     /* The cleared one makes room for what is still wrong. */
-    CHECK_EQUAL(host_clear(ORI_FAULT_HOST_BRAKE), ORI_ACCEPTED);
+    CHECK_EQUAL(host_clear(ORI_FAULT_UNDERRUN), ORI_ACCEPTED);
     frame_passes();
     CHECK_EQUAL(fault_latched(), ORI_FAULT_ESTOP);
     CHECK_EQUAL(machine_state(), ORI_FAULTED);
+}
+
+/* The host brakes for a reason: what the device finds then is what has to be known, and cleared. */
+static void test_a_fault_takes_the_place_of_the_hosts_wish(void)
+{
+    mavlink_ori_event_t event;
+    set_moving();
+    machine_brake();
+    frame_passes();
+    CHECK_EQUAL(machine_state(), ORI_BRAKING);
+    while (events_take(&event))
+        ;
+    fake.estop = true;
+    frame_passes();
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_ESTOP);
+    CHECK_EQUAL(machine_state(), ORI_BRAKING);
+    CHECK(events_take(&event));
+    CHECK_EQUAL(event.code, ORI_EVENT_FAULT);
+    CHECK_EQUAL(event.index, ORI_FAULT_ESTOP);
+    check_brakes(0); /* as gently as before */
+    CHECK_EQUAL(machine_state(), ORI_FAULTED);
+    CHECK_EQUAL(host_clear(ORI_FAULT_ESTOP), ORI_REFUSED_CAUSE);
+    fake.estop = false;
+    CHECK_EQUAL(host_clear(ORI_FAULT_ESTOP), ORI_ACCEPTED);
+    set_moving(); /* and at rest */
+    machine_brake();
+    check_brakes(0);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_HOST_BRAKE);
+    fake.estop = true;
+    frame_passes();
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_ESTOP);
+    CHECK_EQUAL(machine_state(), ORI_FAULTED);
+    check_rests();
 }
 
 /* A second motion after a fault runs at its full speed. */
@@ -146,5 +179,6 @@ static void test_the_second_time_braking_is_as_gentle(void)
 
 SUITE(machine_braking, TEST(test_the_host_can_brake), TEST(test_braking_takes_its_time),
       TEST(test_a_motion_that_has_not_begun_does_not_begin), TEST(test_braking_ends_where_the_queue_ends),
-      TEST(test_a_second_fault_while_braking_changes_nothing), TEST(test_after_braking_a_motion_runs_as_ever),
+      TEST(test_a_second_fault_while_braking_changes_nothing),
+      TEST(test_a_fault_takes_the_place_of_the_hosts_wish), TEST(test_after_braking_a_motion_runs_as_ever),
       TEST(test_the_second_time_braking_is_as_gentle));
