@@ -97,22 +97,68 @@ static uint32_t read_slot(uint8_t slot, uint8_t hinges, uint8_t latches, config_
     return crc;
 }
 
-/* Whether every output of a slot is used once. */
-static bool outputs_are_apart(uint8_t slot, uint8_t hinges, uint8_t latches)
+/* What a record may say; the same for one that is sent and one that is found in a slot. */
+
+static bool device_is_possible(const mavlink_ori_config_device_t *device)
+{
+    return device->schema == 1 && device->hinges <= ORI_HINGES && device->latches <= ORI_LATCHES &&
+           device->silence_ms >= 100 && device->silence_ms <= 3000 && device->brake_ms >= 20 &&
+           device->brake_ms + 2U * ORI_FRAME_US / 1000U < device->silence_ms && device->stall_ms <= 10000;
+}
+
+static bool within(int32_t value, int32_t most)
+{
+    return value >= -most && value <= most;
+}
+
+/* With these the fixed point of hinges.c holds whatever may be asked for or measured. */
+static bool numbers_are_possible(const mavlink_ori_config_hinge_t *hinge)
+{
+    return within(hinge->min_urad, LARGEST_POSITION_URAD) && within(hinge->max_urad, LARGEST_POSITION_URAD) &&
+           within(hinge->pulse_zero_ns, LARGEST_PULSE_NS) && within(hinge->pulse_slope_ns, LARGEST_PULSE_NS) &&
+           within(hinge->feedback_zero_urad, LARGEST_FEEDBACK_URAD) &&
+           within(hinge->feedback_slope_nrad, LARGEST_FEEDBACK_SLOPE_NRAD);
+}
+
+static bool hinge_is_possible(const mavlink_ori_config_hinge_t *hinge)
+{
+    return numbers_are_possible(hinge) && hinge->channel < ORI_SERVO_OUTPUTS && hinge->adc < ORI_SERVO_OUTPUTS &&
+           hinge->min_urad < hinge->max_urad && hinge->max_velocity_mrad_s > 0 && hinge->max_acceleration_mrad_s2 > 0 &&
+           hinge->pulse_slope_ns != 0 && hinge->pulse_min_us >= 100 && hinge->pulse_min_us < hinge->pulse_max_us &&
+           hinge->pulse_max_us <= LONGEST_PULSE_US && hinge->feedback_low <= hinge->feedback_high &&
+           hinge->feedback_high <= HIGHEST_COUNT;
+}
+
+static bool latch_is_possible(const mavlink_ori_config_latch_t *latch)
+{
+    if ((latch->sensor >= ORI_SENSOR_INPUTS && latch->sensor != ORI_NOBODY) || latch->debounce_ms > LONGEST_DEBOUNCE_MS)
+        return false;
+    if (latch->kind == ORI_ELECTROMAGNET)
+        return latch->output < ORI_MAGNET_OUTPUTS && latch->duty_permille <= 1000 && latch->max_on_ms > 0 &&
+               latch->max_on_ms <= 3600000UL;
+    if (latch->kind == ORI_LOCK_PIN)
+        return latch->output < ORI_SERVO_OUTPUTS && latch->engaged_us >= 100 && latch->released_us >= 100 &&
+               latch->engaged_us <= LONGEST_PULSE_US && latch->released_us <= LONGEST_PULSE_US;
+    return latch->kind == ORI_MAGNET;
+}
+
+/* Whether every record of a slot is in its place and possible, and every output used once. */
+static bool records_are_possible(uint8_t slot, uint8_t hinges, uint8_t latches)
 {
     uint16_t servos = 0;
     uint8_t magnets = 0;
     for (uint8_t i = 0; i < hinges; i++) {
         mavlink_ori_config_hinge_t hinge;
         port_eeprom_read(hinge_address(slot, i), &hinge, HINGE_BYTES);
-        if (servos & (1U << hinge.channel))
+        if (hinge.index != i || !hinge_is_possible(&hinge) || servos & (1U << hinge.channel))
             return false;
         servos |= (uint16_t)(1U << hinge.channel);
     }
     for (uint8_t i = 0; i < latches; i++) {
         mavlink_ori_config_latch_t latch;
         port_eeprom_read(latch_address(slot, i), &latch, LATCH_BYTES);
-        if ((latch.kind == ORI_LOCK_PIN && servos & (1U << latch.output)) ||
+        if (latch.index != i || !latch_is_possible(&latch) ||
+            (latch.kind == ORI_LOCK_PIN && servos & (1U << latch.output)) ||
             (latch.kind == ORI_ELECTROMAGNET && magnets & (1U << latch.output)))
             return false;
         if (latch.kind == ORI_LOCK_PIN)
@@ -129,16 +175,13 @@ static bool read_header(uint8_t slot, header_t *header)
     return header->magic == MAGIC && header->check == crc32(0, header, offsetof(header_t, check));
 }
 
-static bool counts_are_possible(const mavlink_ori_config_device_t *device)
-{
-    return device->schema == 1 && device->hinges <= ORI_HINGES && device->latches <= ORI_LATCHES;
-}
-
+/* A good checksum is not enough: another firmware may have allowed what this one cannot do. */
 static bool slot_is_good(uint8_t slot, const header_t *header)
 {
     mavlink_ori_config_device_t device;
     port_eeprom_read(device_address(slot), &device, DEVICE_BYTES);
-    return counts_are_possible(&device) && read_slot(slot, device.hinges, device.latches, NULL) == header->hash;
+    return device_is_possible(&device) && read_slot(slot, device.hinges, device.latches, NULL) == header->hash &&
+           records_are_possible(slot, device.hinges, device.latches);
 }
 
 /* Whether a slot was never written: erased EEPROM reads 0xff. */
@@ -189,9 +232,7 @@ uint8_t config_begin(const mavlink_ori_config_device_t *device)
 {
     const header_t none = {0};
     writing = false;
-    if (!counts_are_possible(device) || device->silence_ms < 100 || device->silence_ms > 3000 ||
-        device->brake_ms < 20 || device->brake_ms + 2U * ORI_FRAME_US / 1000U >= device->silence_ms ||
-        device->stall_ms > 10000)
+    if (!device_is_possible(device))
         return ORI_REFUSED_RANGE;
     pending = *device;
     pending.token = 0;
@@ -201,29 +242,6 @@ uint8_t config_begin(const mavlink_ori_config_device_t *device)
     latches_seen = 0;
     writing = true;
     return ORI_ACCEPTED;
-}
-
-static bool within(int32_t value, int32_t most)
-{
-    return value >= -most && value <= most;
-}
-
-/* With these the fixed point of hinges.c holds whatever may be asked for or measured. */
-static bool numbers_are_possible(const mavlink_ori_config_hinge_t *hinge)
-{
-    return within(hinge->min_urad, LARGEST_POSITION_URAD) && within(hinge->max_urad, LARGEST_POSITION_URAD) &&
-           within(hinge->pulse_zero_ns, LARGEST_PULSE_NS) && within(hinge->pulse_slope_ns, LARGEST_PULSE_NS) &&
-           within(hinge->feedback_zero_urad, LARGEST_FEEDBACK_URAD) &&
-           within(hinge->feedback_slope_nrad, LARGEST_FEEDBACK_SLOPE_NRAD);
-}
-
-static bool hinge_is_possible(const mavlink_ori_config_hinge_t *hinge)
-{
-    return numbers_are_possible(hinge) && hinge->channel < ORI_SERVO_OUTPUTS && hinge->adc < ORI_SERVO_OUTPUTS &&
-           hinge->min_urad < hinge->max_urad && hinge->max_velocity_mrad_s > 0 && hinge->max_acceleration_mrad_s2 > 0 &&
-           hinge->pulse_slope_ns != 0 && hinge->pulse_min_us >= 100 && hinge->pulse_min_us < hinge->pulse_max_us &&
-           hinge->pulse_max_us <= LONGEST_PULSE_US && hinge->feedback_low <= hinge->feedback_high &&
-           hinge->feedback_high <= HIGHEST_COUNT;
 }
 
 uint8_t config_add_hinge(const mavlink_ori_config_hinge_t *hinge)
@@ -239,19 +257,6 @@ uint8_t config_add_hinge(const mavlink_ori_config_hinge_t *hinge)
     port_eeprom_write(hinge_address(free_slot(), record.index), &record, HINGE_BYTES);
     hinges_seen |= (uint16_t)(1U << record.index);
     return ORI_ACCEPTED;
-}
-
-static bool latch_is_possible(const mavlink_ori_config_latch_t *latch)
-{
-    if ((latch->sensor >= ORI_SENSOR_INPUTS && latch->sensor != ORI_NOBODY) || latch->debounce_ms > LONGEST_DEBOUNCE_MS)
-        return false;
-    if (latch->kind == ORI_ELECTROMAGNET)
-        return latch->output < ORI_MAGNET_OUTPUTS && latch->duty_permille <= 1000 && latch->max_on_ms > 0 &&
-               latch->max_on_ms <= 3600000UL;
-    if (latch->kind == ORI_LOCK_PIN)
-        return latch->output < ORI_SERVO_OUTPUTS && latch->engaged_us >= 100 && latch->released_us >= 100 &&
-               latch->engaged_us <= LONGEST_PULSE_US && latch->released_us <= LONGEST_PULSE_US;
-    return latch->kind == ORI_MAGNET;
 }
 
 uint8_t config_add_latch(const mavlink_ori_config_latch_t *latch)
@@ -279,7 +284,7 @@ uint8_t config_commit(uint32_t hash, uint32_t *found)
     *found = read_slot(free_slot(), pending.hinges, pending.latches, NULL);
     if (*found != hash || hash == 0)
         return ORI_REFUSED_HASH;
-    if (!outputs_are_apart(free_slot(), pending.hinges, pending.latches))
+    if (!records_are_possible(free_slot(), pending.hinges, pending.latches))
         return ORI_REFUSED_RANGE;
     header.check = crc32(0, &header, offsetof(header_t, check));
     port_eeprom_write(slot_address(free_slot()), &header, sizeof header);

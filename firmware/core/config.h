@@ -13,7 +13,7 @@ typedef struct {
 typedef enum { CONFIG_NONE, CONFIG_GOOD, CONFIG_CORRUPT } config_status_t;
 
 /* Read the newer good slot. CONFIG_NONE when nothing was ever stored, CONFIG_CORRUPT when something was and
- * none of it is good. */
+ * none of it is good: by its checksums, and by what its records say, which is judged as when they are written. */
 config_status_t config_load(void);
 
 /* In force; nothing but zeros unless CONFIG_GOOD. */

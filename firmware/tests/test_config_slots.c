@@ -1,4 +1,5 @@
 /* The two slots: nothing good is ever lost, and nothing damaged is ever in force. */
+#include <stddef.h>
 #include <string.h>
 
 #include "check.h"
@@ -109,34 +110,112 @@ static void test_damage_is_found_and_the_other_is_in_force(void)
     }
 }
 
+/* Make every checksum of a slot good again, for so many records. */
+static void seal(uint8_t *slot, unsigned hinge_count, unsigned latch_count)
+{
+    const uint8_t *records = slot + HEADER + MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN;
+    uint32_t crc = crc32_of(0, slot + HEADER, MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN);
+    crc = crc32_of(crc, records, hinge_count * MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN);
+    /* Latches lie behind all places for hinges. */
+    crc = crc32_of(crc, records + ORI_HINGES * MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN,
+                   latch_count * MAVLINK_MSG_ID_ORI_CONFIG_LATCH_LEN);
+    memcpy(slot + 8, &crc, 4);
+    crc = crc32_of(0, slot, 12);
+    memcpy(slot + 12, &crc, 4);
+}
+
+/* Where records of a slot lie, and how long each is. */
+typedef struct {
+    uint8_t *at;
+    size_t size;
+} place_t;
+
+static place_t device_in(uint8_t *slot)
+{
+    return (place_t){slot + HEADER, MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN};
+}
+
+static place_t hinge_in(uint8_t *slot, unsigned index)
+{
+    const place_t before = device_in(slot);
+    return (place_t){before.at + before.size + index * MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN,
+                     MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN};
+}
+
+static place_t latch_in(uint8_t *slot, unsigned index)
+{
+    return (place_t){hinge_in(slot, ORI_HINGES).at + index * MAVLINK_MSG_ID_ORI_CONFIG_LATCH_LEN,
+                     MAVLINK_MSG_ID_ORI_CONFIG_LATCH_LEN};
+}
+
+/* Change one value of a stored record. */
+#define PUT(kind, place, field, value) \
+    do { \
+        mavlink_ori_config_##kind##_t record_; \
+        const place_t place_ = (place); \
+        memcpy(&record_, place_.at, place_.size); \
+        record_.field = (value); \
+        memcpy(place_.at, &record_, place_.size); \
+    } while (0)
+
 /* Counts that cannot be are not followed, even where every checksum is good. */
 static void test_impossible_counts_are_damage(void)
 {
     for (unsigned i = 0; i < 3; i++) {
         set_up(1, 1);
         store();
-        uint8_t *slot = fake.eeprom;
-        mavlink_ori_config_device_t *stored = (mavlink_ori_config_device_t *)(slot + HEADER);
         if (i == 0)
-            stored->hinges = 13;
+            PUT(device, device_in(fake.eeprom), hinges, 13);
         else if (i == 1)
-            stored->latches = 9;
+            PUT(device, device_in(fake.eeprom), latches, 9);
         else
-            stored->schema = 2;
-        const uint32_t records = MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN +
-                                 (i == 0 ? 13U : 1U) * MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN;
-        /* Records in order of the wire: hinges, then latches behind all places for hinges. */
-        uint32_t crc = crc32_of(0, slot + HEADER, i == 0 ? records : MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN);
-        if (i != 0)
-            crc = crc32_of(crc, slot + HEADER + MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN, MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN);
-        crc = crc32_of(crc,
-                       slot + HEADER + MAVLINK_MSG_ID_ORI_CONFIG_DEVICE_LEN + ORI_HINGES * MAVLINK_MSG_ID_ORI_CONFIG_HINGE_LEN,
-                       (i == 1 ? 9U : 1U) * MAVLINK_MSG_ID_ORI_CONFIG_LATCH_LEN);
-        memcpy(slot + 8, &crc, 4);
-        crc = crc32_of(0, slot, 12);
-        memcpy(slot + 12, &crc, 4);
+            PUT(device, device_in(fake.eeprom), schema, 2);
+        seal(fake.eeprom, i == 0 ? 13 : 1, i == 1 ? 9 : 1);
         CHECK_EQUAL(config_load(), CONFIG_CORRUPT);
     }
+}
+
+/* One value of a stored record, with every checksum good. */
+#define STORED_VALUE(kind, place, field, value, expected) \
+    do { \
+        set_up(2, 3); \
+        store(); \
+        PUT(kind, place, field, value); \
+        seal(fake.eeprom, 2, 3); \
+        CHECK_EQUAL(config_load(), (expected) ? CONFIG_GOOD : CONFIG_CORRUPT); \
+        CHECK_EQUAL(config_hash() != 0, (expected)); \
+    } while (0)
+
+/* What is found is judged by the functions that judge what is written; every record of a slot is. */
+static void test_impossible_values_are_damage(void)
+{
+    uint8_t *slot = fake.eeprom;
+    STORED_VALUE(device, device_in(slot), brake_ms, 20, true);
+    STORED_VALUE(device, device_in(slot), brake_ms, 0, false);
+    STORED_VALUE(device, device_in(slot), silence_ms, 99, false);
+    STORED_VALUE(device, device_in(slot), stall_ms, 10001, false);
+    STORED_VALUE(hinge, hinge_in(slot, 0), max_velocity_mrad_s, 77, true);
+    STORED_VALUE(hinge, hinge_in(slot, 0), max_velocity_mrad_s, 0, false);
+    STORED_VALUE(hinge, hinge_in(slot, 1), channel, 12, false);
+    STORED_VALUE(hinge, hinge_in(slot, 1), adc, 255, false);
+    STORED_VALUE(hinge, hinge_in(slot, 1), index, 0, false);
+    STORED_VALUE(hinge, hinge_in(slot, 1), channel, rig_hinge(0).channel, false);
+    STORED_VALUE(latch, latch_in(slot, 0), output, 8, false);
+    STORED_VALUE(latch, latch_in(slot, 1), sensor, 8, false);
+    STORED_VALUE(latch, latch_in(slot, 2), kind, 3, false);
+    STORED_VALUE(latch, latch_in(slot, 2), index, 3, false);
+    STORED_VALUE(latch, latch_in(slot, 1), output, rig_hinge(1).channel, false);
+}
+
+static void test_the_older_one_is_in_force_where_the_newer_cannot_be(void)
+{
+    set_up(2, 3);
+    store_number(1);
+    store_number(2);
+    PUT(device, device_in(fake.eeprom + SLOT), brake_ms, 0);
+    seal(fake.eeprom + SLOT, 2, 3);
+    CHECK_EQUAL(config_load(), CONFIG_GOOD);
+    CHECK_EQUAL(number_in_force(), 1);
 }
 
 static void test_a_new_configuration_ends_the_damage(void)
@@ -221,6 +300,7 @@ static void test_starts_are_counted(void)
 SUITE(config_slots, TEST(test_the_layout_in_the_eeprom), TEST(test_half_of_a_first_configuration_is_damage),
       TEST(test_the_newest_is_in_force), TEST(test_a_torn_write_keeps_the_old_one),
       TEST(test_damage_is_found_and_the_other_is_in_force), TEST(test_impossible_counts_are_damage),
+      TEST(test_impossible_values_are_damage), TEST(test_the_older_one_is_in_force_where_the_newer_cannot_be),
       TEST(test_a_new_configuration_ends_the_damage), TEST(test_an_erased_header_is_nothing_but_half_of_one_is_damage),
       TEST(test_worn_cells_are_noticed), TEST(test_nothing_of_the_old_one_is_left_in_force),
       TEST(test_starts_are_counted));
