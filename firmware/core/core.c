@@ -43,6 +43,8 @@ static void send_ack(void)
 
 static void answer(uint16_t token, uint8_t result, uint8_t index, int32_t value)
 {
+    if (result == ORI_REFUSED_STATE)
+        value = machine_state();
     last_ack = (mavlink_ori_ack_t){.value = value, .token = token, .result = result, .index = index};
     acked = true;
     send_ack();
@@ -147,11 +149,9 @@ static void on_enable(const mavlink_message_t *message)
 static void on_disable(const mavlink_message_t *message)
 {
     const uint16_t token = mavlink_msg_ori_disable_get_token(message);
-    int32_t value = 0;
     if (is_repeated(token))
         return;
-    const uint8_t result = machine_disable(mavlink_msg_ori_disable_get_hinges(message), &value);
-    answer(token, result, ORI_NOBODY, value);
+    answer(token, machine_disable(mavlink_msg_ori_disable_get_hinges(message)), ORI_NOBODY, 0);
 }
 
 static void on_brake(const mavlink_message_t *message)
@@ -185,12 +185,9 @@ static void on_clear(const mavlink_message_t *message)
 static void on_config_device(const mavlink_message_t *message)
 {
     mavlink_ori_config_device_t record;
-    int32_t value = 0;
     mavlink_msg_ori_config_device_decode(message, &record);
-    if (is_repeated(record.token))
-        return;
-    const uint8_t result = machine_config_begin(&record, &value);
-    answer(record.token, result, ORI_NOBODY, value);
+    if (!is_repeated(record.token))
+        answer(record.token, machine_config_begin(&record), ORI_NOBODY, 0);
 }
 
 static void on_config_hinge(const mavlink_message_t *message)

@@ -177,7 +177,6 @@ uint8_t machine_enable(const mavlink_ori_enable_t *enable, uint8_t *index, int32
     *value = fault_latched();
     if (fault_latched() != ORI_FAULT_NONE)
         return ORI_REFUSED_FAULT;
-    *value = state;
     if (state != ORI_IDLE && state != ORI_HOLDING)
         return ORI_REFUSED_STATE;
     const uint8_t result = hinges_enable(enable->hinges, enable->position_urad, index, value);
@@ -191,9 +190,8 @@ uint8_t machine_enable(const mavlink_ori_enable_t *enable, uint8_t *index, int32
     return ORI_ACCEPTED;
 }
 
-uint8_t machine_disable(uint16_t hinges, int32_t *value)
+uint8_t machine_disable(uint16_t hinges)
 {
-    *value = state;
     if (state == ORI_STREAMING || state == ORI_BRAKING)
         return ORI_REFUSED_STATE;
     hinges_disable(hinges);
@@ -229,7 +227,9 @@ uint8_t machine_clear(uint8_t fault, int32_t *value)
     *value = fault_latched();
     if (fault_latched() == ORI_FAULT_NONE)
         return ORI_ACCEPTED;
-    if (fault != fault_latched() || state != ORI_FAULTED)
+    if (fault != fault_latched())
+        return ORI_REFUSED_FAULT;
+    if (state == ORI_BRAKING)
         return ORI_REFUSED_STATE;
     if (fault_end(fault) != CLEARABLE || cause_persists(fault))
         return ORI_REFUSED_CAUSE;
@@ -240,13 +240,12 @@ uint8_t machine_clear(uint8_t fault, int32_t *value)
     if (stored == CONFIG_CORRUPT) /* the one that is forgotten came first and hid it */
         machine_trip(ORI_FAULT_CONFIG_CORRUPT, ORI_NOBODY);
     else
-        go_to(hinges_on() ? ORI_HOLDING : ORI_IDLE);
+        go_to(stored == CONFIG_NONE ? ORI_UNCONFIGURED : hinges_on() ? ORI_HOLDING : ORI_IDLE);
     return ORI_ACCEPTED;
 }
 
-uint8_t machine_config_begin(const mavlink_ori_config_device_t *device, int32_t *value)
+uint8_t machine_config_begin(const mavlink_ori_config_device_t *device)
 {
-    *value = state;
     if (hinges_on() || latches_driven())
         return ORI_REFUSED_STATE;
     return config_begin(device);
@@ -254,7 +253,6 @@ uint8_t machine_config_begin(const mavlink_ori_config_device_t *device, int32_t 
 
 uint8_t machine_config_commit(uint32_t hash, uint32_t *found)
 {
-    *found = state;
     if (hinges_on() || latches_driven())
         return ORI_REFUSED_STATE;
     const uint8_t result = config_commit(hash, found);

@@ -18,13 +18,13 @@ void machine_heard(uint64_t now_us);
 /* Take the knots of a message that are new, in order; the rest is ignored. */
 void machine_setpoints(const mavlink_ori_setpoints_t *setpoints);
 
-/* Commands; each returns an ORI_RESULT. */
+/* Commands; each returns an ORI_RESULT. What is found with ORI_REFUSED_STATE is machine_state. */
 uint8_t machine_enable(const mavlink_ori_enable_t *enable, uint8_t *index, int32_t *value);
-uint8_t machine_disable(uint16_t hinges, int32_t *value);
+uint8_t machine_disable(uint16_t hinges);
 void machine_brake(void);
 uint8_t machine_latch(uint8_t index, bool engage);
 uint8_t machine_clear(uint8_t fault, int32_t *value);
-uint8_t machine_config_begin(const mavlink_ori_config_device_t *device, int32_t *value);
+uint8_t machine_config_begin(const mavlink_ori_config_device_t *device);
 uint8_t machine_config_commit(uint32_t hash, uint32_t *found);
 
 /* Compute the outputs of the frame that begins at `next_frame_us`. */

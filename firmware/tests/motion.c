@@ -117,8 +117,7 @@ void configure_again(void)
     const mavlink_ori_config_device_t device = rig_device(1, 0);
     mavlink_ori_config_hinge_t hinge = rig_hinge(0);
     uint32_t found = 0;
-    int32_t value = 0;
-    CHECK_EQUAL(machine_config_begin(&device, &value), ORI_ACCEPTED);
+    CHECK_EQUAL(machine_config_begin(&device), ORI_ACCEPTED);
     CHECK_EQUAL(config_add_hinge(&hinge), ORI_ACCEPTED);
     CHECK_EQUAL(machine_config_commit(rig_hash(&device, &hinge, NULL), &found), ORI_ACCEPTED);
 }

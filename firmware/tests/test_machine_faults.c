@@ -142,8 +142,8 @@ static void test_the_emergency_stop(void)
     CHECK_EQUAL(host_clear(ORI_FAULT_ESTOP), ORI_REFUSED_CAUSE);
     CHECK_EQUAL(fault_latched(), ORI_FAULT_ESTOP);
     fake.estop = false;
-    CHECK_EQUAL(host_clear(ORI_FAULT_STALL), ORI_REFUSED_STATE);
-    CHECK_EQUAL(host_clear(ORI_FAULT_NONE), ORI_REFUSED_STATE);
+    CHECK_EQUAL(host_clear(ORI_FAULT_STALL), ORI_REFUSED_FAULT);
+    CHECK_EQUAL(host_clear(ORI_FAULT_NONE), ORI_REFUSED_FAULT);
     CHECK_EQUAL(fault_latched(), ORI_FAULT_ESTOP);
     CHECK_EQUAL(host_enable(ALL, hinges_asked(), STREAM), ORI_REFUSED_FAULT);
     CHECK_EQUAL(host_clear(ORI_FAULT_ESTOP), ORI_ACCEPTED);

@@ -193,13 +193,45 @@ static void test_a_configuration_is_written_and_read(void)
     CHECK_EQUAL(host_commands(KIND(ORI_CONFIG_READ), &read).result, ORI_REFUSED_INDEX);
 }
 
+/* Whatever was refused in a state, the state is told. */
+static void test_a_refusal_tells_the_state(void)
+{
+    rig_start();
+    CHECK_EQUAL(host_enable(0x1, NULL, 3), ORI_ACCEPTED);
+    mavlink_ori_config_device_t device = rig_device(1, 0);
+    device.token = host_token();
+    mavlink_ori_ack_t ack = host_commands(KIND(ORI_CONFIG_DEVICE), &device);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_STATE);
+    CHECK_EQUAL(ack.value, ORI_HOLDING);
+    mavlink_ori_config_hinge_t hinge = rig_hinge(0); /* nothing was begun */
+    hinge.token = host_token();
+    ack = host_commands(KIND(ORI_CONFIG_HINGE), &hinge);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_STATE);
+    CHECK_EQUAL(ack.value, ORI_HOLDING);
+    const mavlink_ori_config_commit_t commit = {.token = host_token(), .hash = 1};
+    ack = host_commands(KIND(ORI_CONFIG_COMMIT), &commit);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_STATE);
+    CHECK_EQUAL(ack.value, ORI_HOLDING);
+    host_knot(3, 0, fake.micros + 60000, 0, 0);
+    CHECK_EQUAL(machine_state(), ORI_STREAMING);
+    const mavlink_ori_disable_t disable = {.token = host_token(), .hinges = 0x1};
+    ack = host_commands(KIND(ORI_DISABLE), &disable);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_STATE);
+    CHECK_EQUAL(ack.value, ORI_STREAMING);
+    machine_brake();
+    const mavlink_ori_fault_clear_t clear = {.token = host_token(), .fault = ORI_FAULT_HOST_BRAKE};
+    ack = host_commands(KIND(ORI_FAULT_CLEAR), &clear);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_STATE);
+    CHECK_EQUAL(ack.value, ORI_BRAKING);
+}
+
 static void test_clearing_tells_what_is_latched(void)
 {
     rig_start();
     rig_restart(PORT_RESET_BROWN_OUT);
     mavlink_ori_fault_clear_t clear = {.token = host_token(), .fault = ORI_FAULT_STALL};
     mavlink_ori_ack_t ack = host_commands(KIND(ORI_FAULT_CLEAR), &clear);
-    CHECK_EQUAL(ack.result, ORI_REFUSED_STATE);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_FAULT);
     CHECK_EQUAL(ack.value, ORI_FAULT_BROWN_OUT);
     mavlink_ori_enable_t enable = {.token = host_token()};
     ack = host_commands(KIND(ORI_ENABLE), &enable);
@@ -213,4 +245,5 @@ static void test_clearing_tells_what_is_latched(void)
 SUITE(messages_answers, TEST(test_the_clock_is_told), TEST(test_a_command_repeated_is_answered_and_not_carried_out),
       TEST(test_every_command_repeated_is_not_carried_out), TEST(test_the_state_is_told),
       TEST(test_all_reports_can_be_asked_for_at_once), TEST(test_the_device_says_what_it_is),
-      TEST(test_a_configuration_is_written_and_read), TEST(test_clearing_tells_what_is_latched));
+      TEST(test_a_configuration_is_written_and_read), TEST(test_a_refusal_tells_the_state),
+      TEST(test_clearing_tells_what_is_latched));

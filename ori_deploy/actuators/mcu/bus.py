@@ -471,7 +471,7 @@ class McuBus(ActuatorBus):
 
     def _clear(self, fault: int) -> None:
         ack = self._line.command(lambda token: FaultClear(token, fault), f"clearing the fault {fault_name(fault)}")
-        if ack.result not in (dialect.ORI_ACCEPTED, dialect.ORI_REFUSED_STATE):  # another fault came in between
+        if ack.result not in (dialect.ORI_ACCEPTED, dialect.ORI_REFUSED_FAULT):  # another fault came in between
             raise refusal(ack, f"the fault {fault_name(fault)} stays", self.hinge_ids)
 
     # -- latches -------------------------------------------------------------------------------------

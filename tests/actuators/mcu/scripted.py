@@ -320,7 +320,7 @@ class ScriptedDevice:
 
     def _on_ori_fault_clear(self, m: Any) -> tuple[int, int, int]:
         if self.fault and m.fault != self.fault:
-            return d.ORI_REFUSED_STATE, 255, self.fault
+            return d.ORI_REFUSED_FAULT, 255, self.fault
         if self.fault and self.cause_persists:
             return d.ORI_REFUSED_CAUSE, 255, self.fault
         self.fault, self.fault_index, self.stalled = 0, 255, 0
