@@ -68,6 +68,7 @@ _LostReplies = Annotated[Count, at_most(20, "a silent hinge would be driven blin
 _HoldRamp = Annotated[Positive, at_most(2.0, "after a fault the structure has to come to rest soon")]
 _AlignVelocity = Annotated[Positive, at_most(1.0, "cells are brought into step slowly, they may touch")]
 _Temperature = Annotated[Finite, at_most(120.0, "no servo survives more")]
+_PausePatience = Annotated[NonNegative, at_most(120.0, "a servo that holds while it is hot gets hotter")]
 _HealthPeriod = Annotated[Positive, at_most(MAX_HEALTH_PERIOD_S, "a hot or sagging servo has to be seen in time")]
 
 
@@ -230,7 +231,9 @@ class ControllerSettings:
     align_velocity_rad_s
         Speed at which cells are brought into step before a motion.
     max_temperature_c, min_voltage_v
-        Beyond these the structure is stopped.
+        Beyond these the structure is held.
+    pause_patience_s
+        And for so long; then it is a fault.
     health_period_s
         How often temperatures, voltages, errors and resting latches are read.
     at_close
@@ -247,6 +250,7 @@ class ControllerSettings:
     align_velocity_rad_s: _AlignVelocity = 0.1
     max_temperature_c: _Temperature = 70.0
     min_voltage_v: NonNegative = 10.0
+    pause_patience_s: _PausePatience = 5.0
     health_period_s: _HealthPeriod = 0.05
     at_close: Literal["hold", "relax"] = "hold"
 

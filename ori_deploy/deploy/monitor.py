@@ -148,7 +148,7 @@ class Monitor:
         )
 
     def judge_health(self, health: HealthReadings, torque_wanted: bool, now: float) -> Fault | None:
-        """Look for hardware errors, lost torque, heat, low voltage and silence, in this order."""
+        """Look for hardware errors, lost torque, silence, heat and low voltage, in this order."""
         settings, valid = self._settings, health.sound
         self._health_streak = np.where(valid, 0, self._health_streak + 1)
         errors = health.valid & (health.hardware_error != 0)
@@ -165,6 +165,11 @@ class Monitor:
                 "check its supply, clear the fault, then arm",
                 now,
             )
+        worst = int(np.argmax(self._health_streak))
+        if self._health_streak[worst] > settings.lost_replies_allowed:
+            detail = f"{self._health_streak[worst]} valid health replies missing in a row; "
+            detail += f"limit: {settings.lost_replies_allowed}"
+            return self._health_fault(FaultKind.LOST_REPLIES, worst, detail, "check its cable and power", now)
         hot = valid & (health.temperature_c > settings.max_temperature_c)
         if hot.any():
             i = int(np.argmax(hot))
@@ -175,11 +180,6 @@ class Monitor:
             i = int(np.argmax(low))
             detail = f"{health.voltage_v[i]:.2f} V; limit: {settings.min_voltage_v:.2f} V"
             return self._health_fault(FaultKind.LOW_VOLTAGE, i, detail, "check the supply", now)
-        worst = int(np.argmax(self._health_streak))
-        if self._health_streak[worst] > settings.lost_replies_allowed:
-            detail = f"{self._health_streak[worst]} valid health replies missing in a row; "
-            detail += f"limit: {settings.lost_replies_allowed}"
-            return self._health_fault(FaultKind.LOST_REPLIES, worst, detail, "check its cable and power", now)
         return None
 
     def _health_fault(self, kind: FaultKind, hinge: int, detail: str, remedy: str, now: float) -> Fault:

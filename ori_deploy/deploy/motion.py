@@ -11,54 +11,11 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.path import PathTable
+from ori_deploy.deploy.path_variable import PathVariable, Ramp
 from ori_deploy.deploy.queued import Place
 from ori_deploy.deploy.result import StartRefused
 
 FloatArray = NDArray[np.float64]
-
-
-class PathVariable:
-    """A position with a rate in [-1, 1] that changes with bounded slope.
-
-    Parameters
-    ----------
-    position, lower, upper
-        Where it stands and the ends at which it stops.
-    slew_per_s
-        Largest change of the rate per second.
-    """
-
-    def __init__(self, position: float, lower: float, upper: float, slew_per_s: float) -> None:
-        self.position = position
-        self.rate = 0.0
-        self._lower = lower
-        self._upper = upper
-        self._slew = slew_per_s
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the rate is exactly zero."""
-        return self.rate == 0.0
-
-    def advance(self, duration_s: float, target_rate: float) -> None:
-        """Move on, bringing the rate as near to the target as its slope allows; rest at an end."""
-        change = self._slew * duration_s
-        rate = self.rate + min(max(target_rate - self.rate, -change), change)
-        self.position += 0.5 * (self.rate + rate) * duration_s
-        self.rate = rate
-        if not self._lower < self.position < self._upper:
-            outward = rate > 0.0 if self.position >= self._upper else rate < 0.0
-            self.position = min(max(self.position, self._lower), self._upper)
-            if outward:  # the plan itself comes to rest at its ends
-                self.rate = 0.0
-
-    def at_end(self, direction: float) -> bool:
-        """Whether it rests at the upper (direction above 0) or lower end."""
-        return self.at_rest and self.position == (self._upper if direction > 0.0 else self._lower)
-
-    def halt(self) -> None:
-        """Rest at once: for when nothing can be commanded any more."""
-        self.rate = 0.0
 
 
 class Approach:
@@ -77,24 +34,24 @@ class Approach:
         (n_hinges,) shaft positions.
     rig
         Gives the gear ratios and `align_velocity_rad_s`.
-    slew_per_s
-        As in `PathVariable`.
+    ramp
+        How the variable is brought to its rate.
     """
 
     SHORTEST_S = 0.2
 
-    def __init__(self, start_rad: FloatArray, target_rad: FloatArray, rig: ResolvedRig, slew_per_s: float) -> None:
+    def __init__(self, start_rad: FloatArray, target_rad: FloatArray, rig: ResolvedRig, ramp: Ramp) -> None:
         self._start = start_rad
         self._way = target_rad - start_rad
         way = np.abs(self._way / rig.shaft_per_crease)
         velocity, acceleration = (rig.driven(limit) for limit in rig.crease_limits())
         # With duration T the ease peaks at a speed of 1.5 way / T and an acceleration of 6 way / T**2; a ramp
         # of the variable adds slew * speed. So T solves acceleration T**2 = 1.5 slew way T + 6 way.
-        ramp = 1.5 * slew_per_s * way
+        start = 1.5 * ramp.slew_per_s * way
         slow = 1.5 * way / np.minimum(velocity, rig.controller.align_velocity_rad_s)
-        gentle = (ramp + np.sqrt(ramp * ramp + 24.0 * way * acceleration)) / (2.0 * acceleration)
+        gentle = (start + np.sqrt(start * start + 24.0 * way * acceleration)) / (2.0 * acceleration)
         self._duration_s = max(self.SHORTEST_S, float(slow.max()), float(gentle.max()))
-        self.variable = PathVariable(0.0, 0.0, self._duration_s, slew_per_s)
+        self.variable = PathVariable(0.0, 0.0, self._duration_s)
 
     @property
     def finished(self) -> bool:
@@ -114,8 +71,8 @@ class Approach:
         return velocity
 
 
-def rate_slew(table: PathTable, rig: ResolvedRig) -> float:
-    """Slope of the path rate, 1/s, for a controlled stop.
+def gentle_ramp(table: PathTable, rig: ResolvedRig) -> Ramp:
+    """Ramp of the path rate for whatever is not a fault.
 
     As steep as `hold_ramp_s` asks, but never so steep that the change of rate alone takes more than the
     acceleration limit of any crease, driven or passive: `acceleration = crease_rate * slope`.
@@ -123,11 +80,10 @@ def rate_slew(table: PathTable, rig: ResolvedRig) -> float:
     That comes on top of the plan's own `rate**2 * acceleration`. The sum is bounded by twice the limit, not
     by the limit: a plan that brakes at its limit cannot be braked harder within it, and a stop goes first.
     """
-    wanted = 1.0 / rig.controller.hold_ramp_s
     speed = table.peak_crease_rate_rad_s
     _, limits = rig.crease_limits()
     possible = np.divide(limits, speed, out=np.full_like(speed, np.inf), where=speed > 0.0)
-    return min(wanted, float(possible.min()))
+    return Ramp.lasting(rig.controller.hold_ramp_s, float(possible.min()))
 
 
 class Motion:
@@ -139,16 +95,16 @@ class Motion:
         (n_hinges,) shaft positions to command; NaN when the hinges are not told to hold.
     direction
         1 towards fold 1, -1 towards fold 0.
-    slew_per_s
-        Slope of the path rate.
+    gentle
+        Ramp of the path rate for whatever is not a fault.
     """
 
     def __init__(self, table: PathTable, rig: ResolvedRig) -> None:
         self._table = table
         self._rig = rig
         self._period_s = 1.0 / rig.rate_hz
-        self.slew_per_s = rate_slew(table, rig)
-        self._path = PathVariable(0.0, 0.0, table.duration_s, self.slew_per_s)
+        self.gentle = gentle_ramp(table, rig)
+        self._path = PathVariable(0.0, 0.0, table.duration_s)
         self._approach: Approach | None = None
         self._placed = False
         self.goal = np.full(len(rig.hinges), np.nan)
@@ -170,8 +126,8 @@ class Motion:
         """
         if not (np.isfinite(place_s) and np.isfinite(self.goal).all()):
             raise StartRefused("the place on the path is not known", remedy="arm again, then look at the sensors")
-        self._path = PathVariable(place_s, 0.0, self._table.duration_s, self.slew_per_s)
-        self._approach = Approach(self.goal, self._table.shaft_at(place_s), self._rig, self.slew_per_s)
+        self._path = PathVariable(place_s, 0.0, self._table.duration_s)
+        self._approach = Approach(self.goal, self._table.shaft_at(place_s), self._rig, self.gentle)
         self._placed = True
         self.direction = direction
 
@@ -193,7 +149,7 @@ class Motion:
     @property
     def at_rest(self) -> bool:
         """Whether the rate is exactly zero."""
-        return self.rate == 0.0
+        return (self._path if self._approach is None else self._approach.variable).at_rest
 
     @property
     def arrived(self) -> bool:
@@ -223,15 +179,26 @@ class Motion:
         """Where the goals are."""
         return Place(self.goal, self.fold, self.path_time_s, self.rate, self.on_path)
 
-    def advance(self, rate: float) -> None:
-        """One period on, the rate brought towards `rate` (0 to 1) in the direction of the motion."""
+    def turn(self, direction: float) -> None:
+        """From here on in that direction; what moves slows down, rests for a moment and comes back.
+
+        Cells that are still being brought onto the path get there first.
+        """
+        self.direction = direction
+
+    def advance(self, rate: float, ramp: Ramp | None = None) -> None:
+        """One period on, the rate brought towards `rate` (0 to 1) in the direction of the motion.
+
+        Without a ramp, on the gentle one.
+        """
+        ramp = ramp or self.gentle
         if self._approach is not None:
-            self._approach.variable.advance(self._period_s, rate)
+            self._approach.variable.advance(self._period_s, rate, ramp)
             self.goal = self._approach.shaft()
             if self._approach.finished:
                 self._approach = None
         elif self._placed:
-            self._path.advance(self._period_s, self.direction * rate)
+            self._path.advance(self._period_s, self.direction * rate, ramp)
             self.goal = self._table.shaft_at(self._path.position)
 
     def halt(self) -> None:

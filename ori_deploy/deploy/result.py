@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum, auto
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,8 @@ class FaultKind(StrEnum):
     COMMAND_REFUSED = auto()
     BUS_CLOSED = auto()
     BUS_ERROR = auto()
+    OVERRUN = auto()
+    EMERGENCY_STOP = auto()
     INTERRUPTED = auto()
 
 
@@ -124,12 +128,27 @@ class CycleRecord:
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """How a command ended.
+
+    SUCCEEDED: deployed with every latch confirmed, or stowed and measured so. HELD: at rest on the operator's
+    word or to let a servo cool, can be resumed. STOPPED: at rest, given up on the operator's word.
+    EMERGENCY_STOPPED: at rest, the button was pressed. PATH_TOLERANCE: a crease strayed from the path, or
+    cells from each other. GOAL_TOLERANCE: a crease did not reach the end of the path. ABORTED: at rest
+    because of any other fault.
+    """
 
     SUCCEEDED = auto()
     HELD = auto()
     STOPPED = auto()
-    FAULT = auto()
+    EMERGENCY_STOPPED = auto()
+    PATH_TOLERANCE = auto()
+    GOAL_TOLERANCE = auto()
+    ABORTED = auto()
+
+    @classmethod
+    def _missing_(cls, value: object) -> Outcome | None:
+        """Logs written before outcomes told faults apart say "fault"."""
+        return cls.ABORTED if value == "fault" else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +160,7 @@ class MotionResult:
     command
         "deploy" or "stow".
     outcome
-        SUCCEEDED: deployed with every latch confirmed, or stowed and measured so. HELD: at rest on the
-        operator's word, can be resumed. STOPPED: at rest, given up on the operator's word. FAULT: at rest
-        with `fault`.
+        How it ended; with a fault, which sort.
     state
         State of the controller at the end.
     fault
@@ -174,11 +191,29 @@ class MotionResult:
         return self.outcome is Outcome.SUCCEEDED
 
 
-OUTCOMES = {
-    State.DEPLOYED: Outcome.SUCCEEDED,
-    State.STOWED: Outcome.SUCCEEDED,
-    State.HOLD: Outcome.HELD,
-    State.ARMED: Outcome.STOPPED,
-    State.FAULT: Outcome.FAULT,
-}
-"""How a command ended, by the state it ended in."""
+ENDED: Mapping[State, Outcome] = MappingProxyType(
+    {
+        State.DEPLOYED: Outcome.SUCCEEDED,
+        State.STOWED: Outcome.SUCCEEDED,
+        State.HOLD: Outcome.HELD,
+        State.ARMED: Outcome.STOPPED,
+        State.FAULT: Outcome.ABORTED,
+    }
+)
+"""States in which a command has ended, and what that means unless a fault says more."""
+
+_BY_FAULT: Mapping[FaultKind, Outcome] = MappingProxyType(
+    {
+        FaultKind.PATH_TOLERANCE: Outcome.PATH_TOLERANCE,
+        FaultKind.OUT_OF_STEP: Outcome.PATH_TOLERANCE,
+        FaultKind.GOAL_TOLERANCE: Outcome.GOAL_TOLERANCE,
+        FaultKind.EMERGENCY_STOP: Outcome.EMERGENCY_STOPPED,
+    }
+)
+
+
+def outcome(state: State, fault: Fault | None) -> Outcome:
+    """How a command ended that ended in this state, one of `ENDED`, with this fault."""
+    if state is State.FAULT and fault is not None:
+        return _BY_FAULT.get(fault.kind, Outcome.ABORTED)
+    return ENDED[state]

@@ -1,14 +1,16 @@
 """The controller's states and what leads from one to another, as data.
 
 A pair that is not in the table cannot happen: a command that is not allowed is refused with the list of
-those that are, an internal event that is not is a bug.
+those that are, an internal event that is not is a bug. The controller looks its guards and actions up by the
+names in the table, and `ori_deploy.deploy.diagram` draws it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum, auto
+from types import MappingProxyType
 
 from ori_deploy.errors import OriDeployError
 
@@ -47,8 +49,10 @@ class Event(StrEnum):
     HOLD = auto()
     RESUME = auto()
     STOP = auto()
+    EMERGENCY_STOP = auto()
     CLEAR_FAULT = auto()
 
+    CONCERN = auto()
     RELEASED = auto()
     ARRIVED = auto()
     DEPLOYMENT_SECURED = auto()
@@ -67,49 +71,99 @@ COMMANDS: tuple[Event, ...] = (
     Event.HOLD,
     Event.RESUME,
     Event.STOP,
+    Event.EMERGENCY_STOP,
     Event.CLEAR_FAULT,
 )
 
-_S, _E = State, Event
 
-TRANSITIONS: Mapping[tuple[State, Event], tuple[State, ...]] = {
-    (_S.DISCONNECTED, _E.CONNECT): (_S.READY, _S.FAULT),  # a latched fault outlives the connection
-    (_S.READY, _E.DISCONNECT): (_S.DISCONNECTED,),
-    (_S.READY, _E.ARM): (_S.ARMED,),
-    (_S.READY, _E.FAULT): (_S.FAULT,),
-    (_S.ARMED, _E.DISCONNECT): (_S.DISCONNECTED,),
-    (_S.ARMED, _E.DISARM): (_S.READY,),
-    (_S.ARMED, _E.DEPLOY): (_S.LATCHING,),
-    (_S.ARMED, _E.STOW): (_S.LATCHING,),
-    (_S.ARMED, _E.FAULT): (_S.FAULT,),
-    (_S.LATCHING, _E.RELEASED): (_S.MOVING,),
-    (_S.LATCHING, _E.DEPLOYMENT_SECURED): (_S.DEPLOYED,),
-    (_S.LATCHING, _E.STOWAGE_SECURED): (_S.STOWED,),
-    (_S.LATCHING, _E.HOLD): (_S.HOLD,),
-    (_S.LATCHING, _E.STOP): (_S.STOPPING,),
-    (_S.LATCHING, _E.FAULT): (_S.FAULT,),
-    (_S.MOVING, _E.ARRIVED): (_S.LATCHING,),
-    (_S.MOVING, _E.HOLD): (_S.HOLD,),
-    (_S.MOVING, _E.STOP): (_S.STOPPING,),
-    (_S.MOVING, _E.FAULT): (_S.FAULT,),
-    (_S.HOLD, _E.RESUME): (_S.MOVING, _S.LATCHING),  # whichever was held
-    (_S.HOLD, _E.STOP): (_S.STOPPING,),
-    (_S.HOLD, _E.FAULT): (_S.FAULT,),
-    (_S.STOPPING, _E.AT_REST): (_S.ARMED,),
-    (_S.STOPPING, _E.FAULT): (_S.FAULT,),
-    (_S.DEPLOYED, _E.STOW): (_S.LATCHING,),
-    (_S.DEPLOYED, _E.DISARM): (_S.READY,),
-    (_S.DEPLOYED, _E.DISCONNECT): (_S.DISCONNECTED,),
-    (_S.DEPLOYED, _E.FAULT): (_S.FAULT,),
-    (_S.STOWED, _E.DEPLOY): (_S.LATCHING,),
-    (_S.STOWED, _E.DISARM): (_S.READY,),
-    (_S.STOWED, _E.DISCONNECT): (_S.DISCONNECTED,),
-    (_S.STOWED, _E.FAULT): (_S.FAULT,),
-    # Clearing leads to where the actuators are: all holding, some limp, or link gone.
-    (_S.FAULT, _E.CLEAR_FAULT): (_S.ARMED, _S.READY, _S.DISCONNECTED),
-    (_S.FAULT, _E.DISARM): (_S.FAULT,),
-    (_S.FAULT, _E.DISCONNECT): (_S.DISCONNECTED,),
-}
+class Guard(StrEnum):
+    """What has to be so before an event may lead anywhere; the controller knows how to find out."""
+
+    AT_REST = "at rest"
+    OTHER_WAY = "the other command is being carried out"
+    NO_CONCERN = "no servo hot, no supply low"
+
+
+class Action(StrEnum):
+    """What is done on the way; the controller knows how."""
+
+    OPEN_BUS = "open the bus"
+    CLOSE_BUS = "let go of the bus"
+    TORQUE_ON = "hold where measured"
+    TORQUE_OFF = "go limp"
+    BEGIN = "start from the measured place"
+    TURN = "turn round on the path"
+    GO_ON = "go on with the stage"
+    RELAX_MAGNETS = "let electromagnets go"
+    PRESS = "latch the fault; rest in two cycles"
+    CLEAR = "forget the fault"
+    NEXT_STAGE = "next stage"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One row of the table.
+
+    Attributes
+    ----------
+    source, event
+        In this state, when this happens.
+    targets
+        Where it leads; the action chooses among several.
+    guard
+        What has to be so; None: nothing more.
+    action
+        What is done before the state changes; None: nothing.
+    """
+
+    source: State
+    event: Event
+    targets: tuple[State, ...]
+    guard: Guard | None = None
+    action: Action | None = None
+
+
+_S, _E, _G, _A = State, Event, Guard, Action
+
+
+def _rules() -> Iterable[Rule]:
+    """A latched fault outlives the connection; clearing leads to where the actuators are."""
+    yield Rule(_S.DISCONNECTED, _E.CONNECT, (_S.READY, _S.FAULT), action=_A.OPEN_BUS)
+    yield Rule(_S.DISCONNECTED, _E.EMERGENCY_STOP, (_S.DISCONNECTED,))  # nothing is commanded, nothing to stop
+    yield Rule(_S.READY, _E.ARM, (_S.ARMED,), action=_A.TORQUE_ON)
+    for source in (_S.ARMED, _S.STOWED):
+        yield Rule(source, _E.DEPLOY, (_S.LATCHING,), action=_A.BEGIN)
+    for source in (_S.ARMED, _S.DEPLOYED):
+        yield Rule(source, _E.STOW, (_S.LATCHING,), action=_A.BEGIN)
+    for source in (_S.MOVING, _S.LATCHING, _S.HOLD):
+        for command in (_E.DEPLOY, _E.STOW):
+            guard = _G.NO_CONCERN if source is _S.HOLD else _G.OTHER_WAY
+            yield Rule(source, command, (_S.MOVING, _S.LATCHING), guard, _A.TURN)
+        yield Rule(source, _E.STOP, (_S.STOPPING,), action=_A.RELAX_MAGNETS)
+    for source in (_S.MOVING, _S.LATCHING):
+        yield Rule(source, _E.HOLD, (_S.HOLD,))
+        yield Rule(source, _E.CONCERN, (_S.HOLD,))
+    yield Rule(_S.HOLD, _E.RESUME, (_S.MOVING, _S.LATCHING), _G.NO_CONCERN, _A.GO_ON)
+    yield Rule(_S.LATCHING, _E.RELEASED, (_S.MOVING,), action=_A.NEXT_STAGE)
+    yield Rule(_S.MOVING, _E.ARRIVED, (_S.LATCHING,), action=_A.NEXT_STAGE)
+    yield Rule(_S.LATCHING, _E.DEPLOYMENT_SECURED, (_S.DEPLOYED,), action=_A.NEXT_STAGE)
+    yield Rule(_S.LATCHING, _E.STOWAGE_SECURED, (_S.STOWED,), action=_A.NEXT_STAGE)
+    yield Rule(_S.STOPPING, _E.AT_REST, (_S.ARMED,))
+    for source in (_S.ARMED, _S.DEPLOYED, _S.STOWED):
+        yield Rule(source, _E.DISARM, (_S.READY,), _G.AT_REST, _A.TORQUE_OFF)
+    yield Rule(_S.FAULT, _E.DISARM, (_S.FAULT,), _G.AT_REST, _A.TORQUE_OFF)
+    for source in (_S.READY, _S.ARMED, _S.DEPLOYED, _S.STOWED, _S.FAULT):
+        yield Rule(source, _E.DISCONNECT, (_S.DISCONNECTED,), _G.AT_REST, _A.CLOSE_BUS)
+    yield Rule(_S.FAULT, _E.CLEAR_FAULT, (_S.ARMED, _S.READY, _S.DISCONNECTED), _G.AT_REST, _A.CLEAR)
+    for source in State:
+        if source is not _S.DISCONNECTED:
+            yield Rule(source, _E.EMERGENCY_STOP, (_S.FAULT,), action=_A.PRESS)
+        if source not in (_S.DISCONNECTED, _S.FAULT):
+            yield Rule(source, _E.FAULT, (_S.FAULT,))
+
+
+RULES: Mapping[tuple[State, Event], Rule] = MappingProxyType({(rule.source, rule.event): rule for rule in _rules()})
+"""The whole table."""
 
 IN_MOTION = frozenset({State.MOVING, State.LATCHING, State.HOLD, State.STOPPING})
 """States in which a command is being carried out or held."""
@@ -134,7 +188,7 @@ class IllegalCommand(OriDeployError):
 
 def allowed_commands(state: State) -> tuple[Event, ...]:
     """Commands that the table allows in a state."""
-    return tuple(command for command in COMMANDS if (state, command) in TRANSITIONS)
+    return tuple(command for command in COMMANDS if (state, command) in RULES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,14 +208,16 @@ class Machine:
         self.state = State.DISCONNECTED
         self._new: list[Transition] = []
 
-    def require(self, command: Event) -> None:
-        """Raise `IllegalCommand` unless the table allows the command now."""
-        if (self.state, command) not in TRANSITIONS:
+    def require(self, command: Event) -> Rule:
+        """The rule of a command. Raises `IllegalCommand` unless the table allows it now."""
+        rule = RULES.get((self.state, command))
+        if rule is None:
             raise IllegalCommand(self.state, command)
+        return rule
 
     def fire(self, event: Event, now: float, target: State | None = None) -> None:
         """Go where the event leads; `target` chooses where it can lead to several states."""
-        targets = TRANSITIONS[self.state, event]
+        targets = RULES[self.state, event].targets
         chosen = targets[0] if target is None else target
         if chosen not in targets or (target is None and len(targets) > 1):
             raise ValueError(f"{event} leads from {self.state} to {targets}, not to {target}")

@@ -15,13 +15,17 @@ from ori_deploy.deploy.queued import Place, Queued
 from ori_deploy.deploy.result import Fault
 from ori_deploy.deploy.states import IN_MOTION, State
 from ori_deploy.deploy.step_room import REACTION_CYCLES, StepRoom
+from ori_deploy.deploy.stopping import ABORT
 from ori_deploy.motion.plan import Plan
 
 BRAKE_REACTION_S = 0.04
 """Where a device brakes by itself: its frame in which it is told, and the one before the pulses change."""
 
 SOFT = 0.75
-"""Part of the room that goals use which are queued. They can be braked, but no longer be slowed down."""
+"""Part of the room for a fault's stop that a motion may use; at the whole of it, it is a fault."""
+
+TURN_ROUND = 1.5
+"""Of a ramp's build-up: what a slope that still points up costs before it points down."""
 
 
 class Tracking:
@@ -40,11 +44,12 @@ class Tracking:
         self._bus = bus
         self._queues = bus.delay_s > 0.0
         self._queued = Queued(self._queues)
-        self._room = StepRoom(plan.step_tolerance, table, motion.slew_per_s, REACTION_CYCLES / rig.rate_hz)
-        self._brake_room = self._room
+        cycles_s = REACTION_CYCLES / rig.rate_hz
+        stop, reaction_s = ABORT.slew_per_s, cycles_s + TURN_ROUND * ABORT.build_up_s
         if self._queues:
-            reaction_s = 1.0 / rig.rate_hz + BRAKE_REACTION_S
-            self._brake_room = StepRoom(plan.step_tolerance, table, 1.0 / bus.brake_s, reaction_s)
+            stop, reaction_s = 1.0 / bus.brake_s, 1.0 / rig.rate_hz + BRAKE_REACTION_S
+        self._room = StepRoom(plan.step_tolerance, table, motion.gentle.slew_per_s, cycles_s)
+        self._stop_room = StepRoom(plan.step_tolerance, table, stop, reaction_s)
         self.rate_limit = 1.0
 
     def stand(self, goal: FloatArray, now: float) -> None:
@@ -79,18 +84,17 @@ class Tracking:
         if state is State.MOVING and motion.on_path:
             self.rate_limit = self._next_rate(due, cells)
         if state is State.MOVING and due.on_path:
-            limit = self._brake_room.rate_limit(cells, due.fold, due.path_time_s, motion.direction)
-        # What is queued can only be braked: it has to be slower than that allows.
-        least = max(CRAWL, abs(due.rate)) if self._queues else CRAWL
+            limit = self._stop_room.rate_limit(cells, due.fold, due.path_time_s, motion.direction)
+        # What can no longer be slowed down in time is stopped as a fault while that still is in time.
+        least = max(CRAWL, abs(due.rate))
         trip(self._monitor.judge_step(due.fold, limit, self._room.allowed(cells), now, least))
 
     def _next_rate(self, due: Place, cells: FloatArray) -> float:
         """Largest rate for the next goal."""
         motion = self._motion
-        if not self._queues:
-            return self._room.rate_limit(cells, motion.fold, motion.path_time_s, motion.direction)
         # Cells will be as far behind the next goal as they are behind the one due now; first they are brought
         # onto the path.
         later = cells + (motion.fold - due.fold) if due.on_path else np.full_like(cells, motion.fold)
         where = (later, motion.fold, motion.path_time_s, motion.direction)
-        return min(room.rate_limit(*where, SOFT) for room in (self._room, self._brake_room))
+        slowing = self._room.rate_limit(*where, SOFT if self._queues else 1.0)
+        return min(slowing, self._stop_room.rate_limit(*where, SOFT))

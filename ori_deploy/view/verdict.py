@@ -18,7 +18,10 @@ _WHY = {
     Outcome.SUCCEEDED: "the result and the final state contradict each other",
     Outcome.HELD: "held on the operator's word",
     Outcome.STOPPED: "stopped on the operator's word",
-    Outcome.FAULT: "stopped by a fault",
+    Outcome.EMERGENCY_STOPPED: "stopped by the emergency stop",
+    Outcome.PATH_TOLERANCE: "stopped off its path",
+    Outcome.GOAL_TOLERANCE: "stopped short of the end of its path",
+    Outcome.ABORTED: "stopped by a fault",
 }
 
 

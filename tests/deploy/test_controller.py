@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from ori_deploy.deploy.localise import Localiser
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.result import CycleRecord, FaultKind, Outcome, StartRefused
 from ori_deploy.deploy.states import IllegalCommand, State
+from ori_deploy.errors import InputError
 from tests.deploy.synthetic import Bench, bench, synthetic_plan
 
 PIN = {"id": "pin", "secures": "slit:P-T2", "kind": "lock_pin", "travel_s": 0.3, "timeout_s": 1.0}
@@ -105,7 +107,7 @@ def test_starts_wherever_on_the_path_it_stands_without_a_jump(fold: float, comma
     assert b.controller.run().succeeded
     assert largest_step(b) <= peak_crease_rate(b) * 1.001
     for before, record in pairwise(b.records):  # the rate changes gently, but may end where the plan rests
-        assert record.rate == 0.0 or abs(record.rate - before.rate) <= 0.0401
+        assert record.rate == 0.0 or abs(record.rate - before.rate) <= 0.0534
 
 
 def test_small_misalignment_of_cells_is_taken_out_slowly_before_the_motion() -> None:
@@ -178,12 +180,12 @@ def test_hold_brings_all_cells_to_rest_in_step_and_resume_goes_on() -> None:
     start = len(b.records)
     localiser = Localiser(PathTable.build(b.plan, b.rig))
     b.step_to_rest()
-    assert len(b.records) - start <= 26  # hold_ramp_s and one cycle
+    assert len(b.records) - start <= 27  # hold_ramp_s, and what the slope takes that was still there
     for record in b.records[start:]:
         commanded = localiser.folds(record.commanded_rad)
         assert np.ptp(commanded) < 1e-9
         np.testing.assert_allclose(commanded, record.commanded_fold, atol=1e-5)
-    rates = [record.rate for record in b.records[start - 1 :]]
+    rates = [record.rate for record in b.records[start + 6 :]]  # a slope that still pointed up has turned round
     assert all(later <= earlier for earlier, later in pairwise(rates))
     resting = b.steps(30)
     np.testing.assert_array_equal(resting.commanded_rad, b.records[-25].commanded_rad)
@@ -240,7 +242,7 @@ COMMANDS: dict[str, Callable[[Bench], object]] = {
 }
 
 
-@pytest.mark.parametrize("command", ["connect", "arm", "disarm", "deploy", "stow", "resume", "clear_fault"])
+@pytest.mark.parametrize("command", ["connect", "arm", "disarm", "deploy", "resume", "clear_fault"])
 def test_a_command_that_does_not_belong_into_a_motion_changes_nothing(command: str) -> None:
     b = bench()
     b.controller.deploy()
@@ -248,6 +250,109 @@ def test_a_command_that_does_not_belong_into_a_motion_changes_nothing(command: s
     with pytest.raises(IllegalCommand, match=rf"{command}.*moving.*hold, stop"):
         COMMANDS[command](b)
     assert b.controller.run().succeeded
+
+
+@pytest.mark.parametrize("first", ["deploy", "stow"])
+@pytest.mark.parametrize("fold", [0.02, 0.5, 0.98])
+@pytest.mark.parametrize("held", [False, True])
+def test_a_motion_turns_round_wherever_it_is(first: str, fold: float, held: bool) -> None:
+    second, ending = ("stow", State.STOWED) if first == "deploy" else ("deploy", State.DEPLOYED)
+    b = bench(start="stowed" if first == "deploy" else "deployed", latch=[PIN, STOW_LOCK])
+    getattr(b.controller, first)()
+    b.step_until_fold(fold)
+    if held:
+        b.controller.hold()
+        b.step_to_rest()
+    getattr(b.controller, second)()
+    with pytest.raises(IllegalCommand, match=f"already under way to {second}"):
+        getattr(b.controller, second)()
+    result = b.controller.run()
+    assert result.succeeded, result.fault
+    assert (result.command, result.state) == (second, ending)
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+    for before, record in pairwise(b.records):
+        assert record.rate == 0.0 or abs(record.rate - before.rate) <= 0.0534
+
+
+@pytest.mark.parametrize(
+    ("first", "stage"),
+    [("deploy", "unlock"), ("deploy", "latch"), ("stow", "unlatch"), ("stow", "lock")],
+)
+def test_a_command_turns_round_while_latches_are_worked_on(first: str, stage: str) -> None:
+    second, ending = ("stow", State.STOWED) if first == "deploy" else ("deploy", State.DEPLOYED)
+    slow = {"travel_s": 0.4}
+    b = bench(start="stowed" if first == "deploy" else "deployed", latch=[{**PIN, **slow}, STOW_LOCK])
+    getattr(b.controller, first)()
+    while b.controller.step().stage != stage:
+        pass
+    b.steps(5)
+    getattr(b.controller, second)()
+    result = b.controller.run()
+    assert result.succeeded, result.fault
+    assert result.state is ending
+    assert largest_step(b) <= peak_crease_rate(b) * 1.001
+
+
+def test_speed_can_be_limited_at_any_moment_and_is_no_number_outside_its_range() -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    b.controller.limit_speed(0.25)
+    b.steps(40)
+    assert b.records[-1].rate == pytest.approx(0.25)
+    b.controller.limit_speed(1.0)
+    assert b.controller.run().succeeded
+    for part in (0.0, -1.0, 1.01, math.nan):
+        with pytest.raises(InputError, match="speed"):
+            b.controller.limit_speed(part)
+
+
+@pytest.mark.parametrize("fold", [0.1, 0.5, 0.9])
+def test_the_emergency_stop_rests_in_two_cycles_and_holds(fold: float) -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(fold)
+    b.controller.emergency_stop("a test")
+    assert b.controller.state is State.FAULT
+    assert b.steps(2).rate == 0.0
+    goal = b.records[-1].commanded_rad
+    result = b.controller.run()
+    assert result.outcome is Outcome.EMERGENCY_STOPPED
+    assert result.fault is not None
+    assert "a test" in result.fault.detail
+    np.testing.assert_array_equal(b.steps(30).commanded_rad, goal)
+    assert b.bus.true_torque_on.all()
+    b.controller.clear_fault()
+    b.controller.stow()
+    assert b.controller.run().succeeded
+
+
+def test_the_emergency_stop_hurries_a_stop_that_is_under_way_and_keeps_its_reason() -> None:
+    b = bench()
+    b.controller.deploy()
+    b.step_until_fold(0.4)
+    b.bus.jam("servo_c2")
+    while b.controller.state is not State.FAULT:
+        b.steps(1)
+    assert b.records[-1].rate != 0.0
+    b.controller.emergency_stop()
+    assert b.steps(2).rate == 0.0
+    assert b.controller.fault is not None
+    assert b.controller.fault.kind is not FaultKind.EMERGENCY_STOP
+
+
+def test_the_emergency_stop_is_heard_in_every_state() -> None:
+    b = bench(armed=False)
+    b.controller.emergency_stop()
+    assert b.controller.state is State.DISCONNECTED
+    b.controller.connect()
+    b.controller.emergency_stop()
+    assert b.controller.state is State.FAULT
+    b.controller.clear_fault()
+    assert b.controller.state is State.READY
+    b.controller.arm()
+    b.controller.emergency_stop()
+    assert b.controller.fault is not None
 
 
 def test_step_needs_a_connection_and_result_a_command() -> None:
@@ -289,7 +394,7 @@ def test_closing_in_mid_motion_first_comes_to_rest_along_the_path(at_close: str,
     assert b.controller.state is State.DISCONNECTED
     assert not b.bus.connected
     assert b.records[-1].rate == 0.0
-    assert 20 <= len(b.records) - count <= 27
+    assert 5 <= len(b.records) - count <= 9  # a fault's ramp
     assert b.bus.true_torque_on.all() == holds
     b.controller.close()  # again: nothing happens
     assert b.controller.fault is not None

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from ori_deploy.deploy.states import COMMANDS, TRANSITIONS, Event, IllegalCommand, Machine, State
+from ori_deploy.deploy.states import COMMANDS, RULES, Action, Event, Guard, IllegalCommand, Machine, State
+from tests.deploy.synthetic import bench
+
+TRANSITIONS = {key: rule.targets for key, rule in RULES.items()}
 
 
 def targets(state: State) -> set[State]:
@@ -30,9 +33,25 @@ def test_deployed_and_stowed_are_reached_from_latching_only() -> None:
         assert {source for (source, _), ends in TRANSITIONS.items() if goal in ends} == {State.LATCHING}
 
 
-def test_moving_begins_from_latching_or_an_operators_hold_only() -> None:
+def test_moving_begins_from_latching_or_an_operators_word_only() -> None:
     ways = {key for key, ends in TRANSITIONS.items() if State.MOVING in ends}
-    assert ways == {(State.LATCHING, Event.RELEASED), (State.HOLD, Event.RESUME)}
+    turning = {
+        (state, command)
+        for state in (State.MOVING, State.LATCHING, State.HOLD)
+        for command in (Event.DEPLOY, Event.STOW)
+    }
+    assert ways == {(State.LATCHING, Event.RELEASED), (State.HOLD, Event.RESUME)} | turning
+
+
+def test_the_emergency_stop_is_allowed_everywhere_and_leads_to_a_fault_wherever_there_is_a_link() -> None:
+    for state in State:
+        assert TRANSITIONS[state, Event.EMERGENCY_STOP] == (state if state is State.DISCONNECTED else State.FAULT,)
+
+
+def test_every_guard_and_action_of_the_table_is_the_controllers_and_none_is_idle() -> None:
+    controller = bench(armed=False).controller
+    assert {rule.guard for rule in RULES.values()} - {None} == set(controller._guards) == set(Guard)
+    assert {rule.action for rule in RULES.values()} - {None} == set(controller._actions) == set(Action)
 
 
 def test_a_fault_can_happen_in_every_state_with_a_link_and_is_left_by_clearing_or_disconnecting_only() -> None:

@@ -7,8 +7,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ori_deploy.deploy.monitor import CRAWL
-from ori_deploy.deploy.motion import PathVariable
 from ori_deploy.deploy.path import PathTable
+from ori_deploy.deploy.path_variable import PathVariable, Ramp
 from ori_deploy.deploy.step_room import REACTION_CYCLES, USABLE, StepRoom
 from ori_deploy.motion.step_tolerance import StepTolerance
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
@@ -16,6 +16,7 @@ from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 PLAN = synthetic_plan(4)
 TABLE = PathTable.build(PLAN, synthetic_rig(PLAN))
 SLEW, RATE_HZ = 4.0, 100.0
+SLOPE = Ramp(SLEW, float("inf"))
 LEAD = np.array([0.2, 0.45, 0.7, 0.9, 0.97, 1.0])
 
 tolerances = st.lists(st.sampled_from([0.02, 0.03, 0.05, 0.1, 0.2, 1.0]), min_size=6, max_size=6).map(
@@ -92,12 +93,12 @@ def test_cells_that_follow_the_limit_stop_inside_the_tolerance_when_one_sticks(
     """One cell freezes at full speed; the others follow the command exactly, seen one cycle late."""
     step_room = room(tolerance)
     start = TABLE.time_at(stuck)
-    variable = PathVariable(start, 0.0, TABLE.duration_s, SLEW)
+    variable = PathVariable(start, 0.0, TABLE.duration_s)
     seen = np.full(3, TABLE.fold_at(start))
     for _ in range(400):
         fold = TABLE.fold_at(variable.position)
         limit = step_room.rate_limit(seen, fold, variable.position, direction)
         seen = np.array([stuck, fold, fold])
-        variable.advance(1.0 / RATE_HZ, direction * limit if limit >= CRAWL else 0.0)
+        variable.advance(1.0 / RATE_HZ, direction * limit if limit >= CRAWL else 0.0, SLOPE)
         moved = TABLE.fold_at(variable.position)
         assert abs(moved - stuck) <= usable(tolerance, max(moved, stuck)) + 1e-9

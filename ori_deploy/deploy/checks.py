@@ -1,0 +1,85 @@
+"""The slower readings: health and latches, when they are due, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ori_deploy.actuators.bus import HealthReadings
+from ori_deploy.actuators.rig import ControllerSettings
+from ori_deploy.deploy.latching import Latches
+from ori_deploy.deploy.link import Link
+from ori_deploy.deploy.monitor import Monitor
+from ori_deploy.deploy.result import Fault
+from ori_deploy.deploy.states import State
+from ori_deploy.deploy.stopping import PAUSING
+
+
+class Checks:
+    """Reads health and latches as often as the rig says, and has them judged.
+
+    Parameters
+    ----------
+    link, monitor, settings
+        Where readings come from, who judges them, how often and how patiently.
+    period_s
+        Of the loop.
+    trip
+        Receives every fault, at once.
+    pause
+        Called when a motion has to rest for something that may pass.
+
+    Attributes
+    ----------
+    concern
+        What is paused for, and becomes a fault if it lasts: heat, or a low supply. None otherwise.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        monitor: Monitor,
+        settings: ControllerSettings,
+        period_s: float,
+        trip: Callable[[Fault | None], None],
+        pause: Callable[[], None],
+    ) -> None:
+        self._link, self._monitor, self._settings = link, monitor, settings
+        self._early_s = 0.5 * period_s
+        self._trip, self._pause = trip, pause
+        self._due = -np.inf
+        self.concern: Fault | None = None
+
+    def health_if_due(self, alerted: bool, holding: bool, now: float) -> HealthReadings | None:
+        """Health when it is time, or when a hinge says that something is wrong; None otherwise."""
+        return self.health(holding, now) if alerted or now >= self._due else None
+
+    def health(self, holding: bool, now: float) -> HealthReadings | None:
+        """Health now; None when the bus failed."""
+        health = self._link.read_health(now)
+        if health is not None:
+            self._weigh(self._monitor.judge_health(health, holding, now), now)
+        return health
+
+    def latches_if_due(self, state: State, now: float) -> Latches | None:
+        """Latches, every cycle while they are worked on and as often as the health otherwise."""
+        if now >= self._due:
+            self._due = now + self._settings.health_period_s - self._early_s
+        elif state is not State.LATCHING:
+            return None
+        latches = self._link.read_latches(now)
+        if latches is not None:
+            self._trip(self._monitor.judge_latches(state, latches, now))
+        return latches
+
+    def _weigh(self, found: Fault | None, now: float) -> None:
+        """Heat and a low supply pause a motion first, since they may pass; everything else is a fault."""
+        if found is None or found.kind not in PAUSING:
+            self.concern = None
+            self._trip(found)
+        elif self.concern is None:
+            self.concern = found
+            self._pause()
+        elif now - self.concern.time_s > self._settings.pause_patience_s:
+            self._trip(found)
