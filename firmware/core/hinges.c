@@ -151,9 +151,8 @@ uint8_t hinges_enable(uint16_t which, const int32_t *position_urad, uint8_t *ind
             return result;
     }
     for (uint8_t k = 0; k < config.device.hinges; k++) {
-        if (which & bit_of(k)) {
+        if (which & ~on & bit_of(k)) {
             on |= bit_of(k);
-            hinges[k].away_ms = 0;
             ask(k, position_urad[k]);
         }
     }

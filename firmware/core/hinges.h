@@ -18,8 +18,9 @@ uint16_t hinges_on(void);
 uint16_t hinges_stalled(void);
 void hinges_forgive(void);
 
-/* Turn hinges on at these positions, all or none. Returns an ORI_RESULT; `index` is the hinge it is about, `value`
- * what was found. */
+/* Turn hinges on at these positions, all or none. Those that are on go on asking for what they ask for: where they are
+ * said to stand is judged, and steps no output. Returns an ORI_RESULT; `index` is the hinge it is about, `value` what
+ * was found. */
 uint8_t hinges_enable(uint16_t which, const int32_t *position_urad, uint8_t *index, int32_t *value);
 void hinges_disable(uint16_t which);
 

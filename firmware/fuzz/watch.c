@@ -106,6 +106,8 @@ static void check_motion(const seen_t *now, const step_t *step)
         CHECK((now->on & ~before.on) == 0);
     if (!step->enable && !step->disable && !step->frame && !step->config)
         CHECK(now->on == before.on && memcmp(now->asked, before.asked, sizeof now->asked) == 0);
+    for (unsigned k = 0; k < config.device.hinges && step->enable && !step->config; k++)
+        CHECK(!(now->on & before.on & (1U << k)) || now->asked[k] == before.asked[k]);
     if (step->enable || step->config)
         return;
     const double frames = step->frame ? (double)(fake.micros - before.frame_us) / ORI_FRAME_US : 0;

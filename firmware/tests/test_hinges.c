@@ -272,8 +272,31 @@ static void test_without_feedback_the_output_is_the_position(void)
     CHECK_EQUAL(enable_one(0, 720001, &value), ORI_REFUSED_POSITION);
     CHECK_EQUAL(value, 700000);
     CHECK_EQUAL(enable_one(0, 720000, &value), ORI_ACCEPTED);
+    CHECK_EQUAL(hinges_asked()[0], 700000);
     hinges_disable(1);
     CHECK_EQUAL(enable_one(0, -500000, &value), ORI_ACCEPTED);
+}
+
+/* A hinge that is on and hangs below its output is enabled where it is measured, and does not step there. */
+static void test_enabling_what_is_on_steps_no_output(void)
+{
+    const int32_t low[ORI_HINGES] = {-16000, -16000};
+    int32_t value;
+    set_up(2);
+    CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
+    rig_place(0, -0.016);
+    rig_place(1, -0.016);
+    const unsigned calls = fake.servo_calls;
+    CHECK_EQUAL(enable_one(0, -16000, &value), ORI_ACCEPTED);
+    CHECK_EQUAL(fake.servo_calls, calls);
+    CHECK_EQUAL(enable(3, low), ORI_ACCEPTED); /* the other one is off, and goes on there */
+    CHECK_EQUAL(hinges_on(), 3);
+    CHECK_EQUAL(hinges_asked()[0], 0);
+    CHECK_EQUAL(fake.servo[rig_hinge(0).channel], rig_ticks(0, 0));
+    CHECK_EQUAL(hinges_asked()[1], -16000);
+    CHECK_EQUAL(fake.servo[rig_hinge(1).channel], rig_ticks(1, -0.016));
+    CHECK_EQUAL(enable_one(0, 4001, &value), ORI_REFUSED_POSITION); /* it is where it is measured */
+    CHECK_EQUAL(value, -16000);
 }
 
 static void test_all_go_on_or_none(void)
@@ -383,11 +406,8 @@ static void test_a_hinge_that_catches_up_has_its_time_again(void)
     rig_place(0, 0);
     for (unsigned i = 0; i < 5; i++)
         CHECK_EQUAL(sense(), ORI_NOBODY);
-    /* and one that was enabled again where it is. */
+    /* but not one that was enabled again while it was on. */
     CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
-    rig_place(0, -0.5);
-    for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(sense(), ORI_NOBODY);
     CHECK_EQUAL(sense(), 0);
 }
 
@@ -562,6 +582,7 @@ SUITE(hinges, TEST(test_every_output_is_off_at_first), TEST(test_starting_again_
       TEST(test_feedback_is_where_the_hinge_is), TEST(test_feedback_that_cannot_be_is_not_believed),
       TEST(test_goes_on_within_the_seat_of_where_it_is), TEST(test_goes_on_only_in_its_range),
       TEST(test_goes_on_only_if_its_sensor_tells), TEST(test_without_feedback_the_output_is_the_position),
+      TEST(test_enabling_what_is_on_steps_no_output),
       TEST(test_all_go_on_or_none), TEST(test_there_are_no_others), TEST(test_only_those_that_are_on_get_outputs),
       TEST(test_a_hinge_that_does_not_follow_goes_off), TEST(test_stalling_takes_as_long_as_it_may), TEST(test_a_hinge_that_catches_up_has_its_time_again),
       TEST(test_a_stalled_hinge_stays_off_until_it_is_forgiven), TEST(test_who_cannot_tell_does_not_stall),

@@ -327,7 +327,8 @@ class McuBus(ActuatorBus):
                 self.hinge_ids[missing], "takes no torque; all torque is off; remedy: clear the fault"
             )
         self._stream, self._braked = Stream(name), False
-        self._grid.stand(1e-6 * np.array(urad[: len(goal)], dtype=np.float64))
+        # Hinges that were on ask for what they asked for: the motion begins there, wherever they are measured.
+        self._grid.stand(1e-6 * np.array(state.output_urad[: len(goal)], dtype=np.float64))
         self._decoder.vouched_rad[:] = np.nan
 
     def _torque_off(self) -> None:

@@ -81,6 +81,7 @@ class ScriptedDevice:
     taken: list[Knot] = field(default_factory=list)
     commands: list[Any] = field(default_factory=list)
     asked: list[int] = field(default_factory=lambda: [0] * HINGE_PLACES)
+    droop_urad: int = 0
 
     def __post_init__(self) -> None:
         device = self.config[0]
@@ -165,7 +166,7 @@ class ScriptedDevice:
                 self._follow(now)
         for k in range(self.n):
             if self.outputs_on >> k & 1:
-                self.measured[k] = self.asked[k]
+                self.measured[k] = self.asked[k] - self.droop_urad
 
     def _follow(self, now: int) -> None:
         a = self.knots[0]
@@ -290,8 +291,10 @@ class ScriptedDevice:
             measured = self.config[1 + k].flags & d.ORI_HINGE_HAS_FEEDBACK
             if measured and abs(m.position_urad[k] - self.measured[k]) > self.config[0].seat_urad:
                 return d.ORI_REFUSED_POSITION, k, self.measured[k]
+        for k in range(self.n):
+            if not self.outputs_on >> k & 1:
+                self.asked[k] = m.position_urad[k]
         self.outputs_on |= m.hinges
-        self.asked[: self.n] = m.position_urad[: self.n]
         self.stream, self.contiguous, self.stream_open, self.taken = m.stream, 0, True, []
         self.state = d.ORI_HOLDING
         return d.ORI_ACCEPTED, 255, 0

@@ -309,6 +309,23 @@ def test_torque_on_and_off() -> None:
     assert not device.taken
 
 
+def test_arming_what_holds_begins_at_its_outputs() -> None:
+    """A hinge that hangs below its output is armed where it is measured, and its output does not step there."""
+    b = bench()
+    device, bus = b.device, b.bus
+    bus.enable_torque()
+    device.trip(d.ORI_FAULT_ESTOP)
+    device.droop_urad = 20_000
+    b.wait(0.02)
+    bus.reset_errors()
+    np.testing.assert_allclose(bus.enable_torque(), -0.02)
+    assert device.asked[:3] == [0, 0, 0]
+    b.run(90, lambda time_s: (np.full(3, -0.02 * min(time_s, 1.0)), np.full(3, -0.02 * (time_s < 1.0))))
+    assert not device.fault
+    assert device.taken[0].position[:3] == [0, 0, 0]
+    assert device.asked[:3] == [-20_000] * 3
+
+
 def test_torque_off_waits_for_rest() -> None:
     b = bench()
     device, bus = b.device, b.bus
