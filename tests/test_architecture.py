@@ -15,8 +15,9 @@ ALLOWED: dict[str, set[str]] = {
     "layout": set(),
     "design": {"profiles", "layout"},
     "motion": {"profiles", "layout", "design"},
+    "loads": {"profiles", "layout", "design", "motion"},
     "search": {"profiles", "layout", "design", "motion"},
-    "files": {"profiles", "layout", "design", "motion", "search"},
+    "files": {"profiles", "layout", "design", "motion", "loads", "search"},
     "figures": {"profiles", "layout", "design", "motion", "search", "files"},
     "wire": set(),
     "actuators": {"wire"},
@@ -27,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures"},
 }
 """What each room may import, besides what all may. The command line knows them all."""
-NO_IO = ("profiles", "layout", "design", "motion")
+NO_IO = ("profiles", "layout", "design", "motion", "loads")
 GEOMETRY_MAY_IMPORT = {"numpy", "scipy", "shapely", "toppra"}
 
 

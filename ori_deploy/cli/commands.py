@@ -23,6 +23,7 @@ from ori_deploy.cli.limit import limit
 from ori_deploy.cli.mcu import mcu
 from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.session import Command, Place, carry_out
+from ori_deploy.cli.size import size
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_option, span_poses, tell_span
 from ori_deploy.cli.steps import (
     DESIGN_ENDING,
@@ -312,6 +313,7 @@ def demo(spec: Path | None, rig: Path | None, output: Path, realtime: bool) -> N
 
 
 main.add_command(limit)
+main.add_command(size)
 main.add_command(layouts_command)
 main.add_command(sweep)
 main.add_command(strip)

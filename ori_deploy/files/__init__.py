@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ori_deploy.files.design_file import Design, design_data, load_design, pose_data, save_design
 from ori_deploy.files.graph_file import DrawnLayout, load_graph
+from ori_deploy.files.loads_file import load_loads
 from ori_deploy.files.plan_file import load_plan, save_plan
 from ori_deploy.files.spec import Spec, build_from_file, load_spec
 from ori_deploy.files.spec_text import save_spec
@@ -20,6 +21,7 @@ __all__ = [
     "digest",
     "load_design",
     "load_graph",
+    "load_loads",
     "load_plan",
     "load_spec",
     "load_sweep",
