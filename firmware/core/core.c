@@ -167,9 +167,11 @@ static void on_latch(const mavlink_message_t *message)
 {
     const uint16_t token = mavlink_msg_ori_latch_command_get_token(message);
     const uint8_t index = mavlink_msg_ori_latch_command_get_index(message);
+    int32_t value = 0;
     if (is_repeated(token))
         return;
-    answer(token, machine_latch(index, mavlink_msg_ori_latch_command_get_engage(message) != 0), index, 0);
+    const uint8_t result = machine_latch(index, mavlink_msg_ori_latch_command_get_engage(message) != 0, &value);
+    answer(token, result, index, value);
 }
 
 static void on_clear(const mavlink_message_t *message)

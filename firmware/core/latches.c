@@ -112,10 +112,15 @@ uint8_t latches_step(void)
     return tripped;
 }
 
+bool latches_drives(uint8_t index)
+{
+    return index < config.device.latches && config.latch[index].kind != ORI_MAGNET;
+}
+
 bool latches_driven(void)
 {
     for (uint8_t i = 0; i < config.device.latches; i++)
-        if (latches[i].engaged && config.latch[i].kind != ORI_MAGNET)
+        if (latches[i].engaged && latches_drives(i))
             return true;
     return false;
 }

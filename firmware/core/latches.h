@@ -20,6 +20,9 @@ uint8_t latches_step(void);
 /* Whether any electromagnet or pin is engaged by an output. */
 bool latches_driven(void);
 
+/* Whether engaging this latch drives an output. */
+bool latches_drives(uint8_t index);
+
 void latches_report(mavlink_ori_latch_state_t *report);
 
 #endif

@@ -179,6 +179,10 @@ uint8_t machine_enable(const mavlink_ori_enable_t *enable, uint8_t *index, int32
         return ORI_REFUSED_FAULT;
     if (state != ORI_IDLE && state != ORI_HOLDING)
         return ORI_REFUSED_STATE;
+    if (enable->hinges && supply_is_low()) { /* judged before the sensors, which fail with it */
+        *value = supply_mv();
+        return ORI_REFUSED_SUPPLY;
+    }
     const uint8_t result = hinges_enable(enable->hinges, enable->position_urad, index, value);
     if (result != ORI_ACCEPTED)
         return result;
@@ -206,19 +210,30 @@ void machine_brake(void)
         machine_trip(ORI_FAULT_HOST_BRAKE, ORI_NOBODY);
 }
 
-uint8_t machine_latch(uint8_t index, bool engage)
+uint8_t machine_latch(uint8_t index, bool engage, int32_t *value)
 {
     if (state == ORI_UNCONFIGURED)
         return ORI_REFUSED_STATE;
+    if (engage && latches_drives(index) && supply_is_low()) {
+        *value = supply_mv();
+        return ORI_REFUSED_SUPPLY;
+    }
     const uint8_t result = latches_command(index, engage);
     if (result == ORI_ACCEPTED)
         events_note(ORI_EVENT_LATCH, index, engage);
     return result;
 }
 
+/* Whether any hinge or latch is driven: what needs the servos' supply, and is not to be configured anew. */
+static bool is_driven(void)
+{
+    return hinges_on() || latches_driven();
+}
+
 static bool cause_persists(uint8_t fault)
 {
-    return (fault == ORI_FAULT_ESTOP && port_estop()) || (fault == ORI_FAULT_SUPPLY_LOW && supply_is_low()) ||
+    return (fault == ORI_FAULT_ESTOP && port_estop()) ||
+           (fault == ORI_FAULT_SUPPLY_LOW && supply_is_low() && is_driven()) ||
            (fault == ORI_FAULT_FEEDBACK_LOST && hinges_lost() != ORI_NOBODY);
 }
 
@@ -246,14 +261,14 @@ uint8_t machine_clear(uint8_t fault, int32_t *value)
 
 uint8_t machine_config_begin(const mavlink_ori_config_device_t *device)
 {
-    if (hinges_on() || latches_driven())
+    if (is_driven())
         return ORI_REFUSED_STATE;
     return config_begin(device);
 }
 
 uint8_t machine_config_commit(uint32_t hash, uint32_t *found)
 {
-    if (hinges_on() || latches_driven())
+    if (is_driven())
         return ORI_REFUSED_STATE;
     const uint8_t result = config_commit(hash, found);
     if (result == ORI_ACCEPTED) {
@@ -326,7 +341,7 @@ static void watch(uint64_t now_us)
         machine_trip(ORI_FAULT_ESTOP, ORI_NOBODY);
     if (lame.fault != ORI_FAULT_NONE)
         machine_trip(lame.fault, lame.hinge);
-    if (supply_step())
+    if (supply_step(is_driven()))
         machine_trip(ORI_FAULT_SUPPLY_LOW, ORI_NOBODY);
     if (state == ORI_STREAMING && host_is_silent(now_us))
         machine_trip(ORI_FAULT_HOST_SILENT, ORI_NOBODY);

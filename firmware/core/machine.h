@@ -22,7 +22,7 @@ void machine_setpoints(const mavlink_ori_setpoints_t *setpoints);
 uint8_t machine_enable(const mavlink_ori_enable_t *enable, uint8_t *index, int32_t *value);
 uint8_t machine_disable(uint16_t hinges);
 void machine_brake(void);
-uint8_t machine_latch(uint8_t index, bool engage);
+uint8_t machine_latch(uint8_t index, bool engage, int32_t *value);
 uint8_t machine_clear(uint8_t fault, int32_t *value);
 uint8_t machine_config_begin(const mavlink_ori_config_device_t *device);
 uint8_t machine_config_commit(uint32_t hash, uint32_t *found);

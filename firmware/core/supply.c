@@ -15,8 +15,8 @@ bool supply_is_low(void)
     return supply_mv() < config.device.supply_min_mv;
 }
 
-bool supply_step(void)
+bool supply_step(bool driven)
 {
-    low_frames = !supply_is_low() ? 0 : low_frames < SUPPLY_LOW_FRAMES ? (uint8_t)(low_frames + 1) : low_frames;
+    low_frames = !driven || !supply_is_low() ? 0 : low_frames < SUPPLY_LOW_FRAMES ? (uint8_t)(low_frames + 1) : low_frames;
     return low_frames >= SUPPLY_LOW_FRAMES;
 }

@@ -1,4 +1,5 @@
-/* The servos' supply: low for several frames in a row is a fault, a dip of one is not. */
+/* The servos' supply. While something is driven, low for several frames in a row is a fault; a dip of one is not. While
+ * nothing is, it may be off; then nothing goes on. */
 #ifndef ORI_SUPPLY_H
 #define ORI_SUPPLY_H
 
@@ -9,7 +10,7 @@
 uint16_t supply_mv(void);
 bool supply_is_low(void);
 
-/* Once a frame: whether it has been low for long enough. */
-bool supply_step(void);
+/* Once a frame: whether it has been low for long enough, and something driven all the while. */
+bool supply_step(bool driven);
 
 #endif

@@ -199,7 +199,58 @@ static void test_the_causes_of_other_faults_do_not_matter(void)
     fake.estop = false;
     CHECK_EQUAL(host_clear(ORI_FAULT_ESTOP), ORI_ACCEPTED);
     frames_pass(5);
-    CHECK_EQUAL(fault_latched(), ORI_FAULT_SUPPLY_LOW);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE); /* nothing is driven */
+}
+
+/* The servos' supply may come after the board's own, and go before it: only what is driven needs it. */
+static void test_a_supply_that_is_off_is_no_fault(void)
+{
+    rig_start();
+    fake.adc[ORI_ADC_SUPPLY] = 0;
+    frames_pass(20);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE);
+    CHECK_EQUAL(machine_state(), ORI_IDLE);
+    fake.adc[ORI_ADC_SUPPLY] = 499;
+    const mavlink_ori_enable_t enable = {.token = host_token(), .hinges = ALL, .stream = STREAM};
+    mavlink_ori_ack_t ack = host_commands(KIND(ORI_ENABLE), &enable);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_SUPPLY);
+    CHECK_EQUAL(ack.index, ORI_NOBODY);
+    CHECK_EQUAL(ack.value, 4990);
+    CHECK_EQUAL(host_enable(0, NULL, STREAM), ORI_ACCEPTED); /* drives nothing */
+    CHECK_EQUAL(host_latch(2, 1), ORI_ACCEPTED);
+    for (uint8_t i = 0; i < 2; i++) {
+        const mavlink_ori_latch_command_t engage = {.token = host_token(), .index = i, .engage = 1};
+        ack = host_commands(KIND(ORI_LATCH_COMMAND), &engage);
+        CHECK_EQUAL(ack.result, ORI_REFUSED_SUPPLY);
+        CHECK_EQUAL(ack.index, i);
+        CHECK_EQUAL(ack.value, 4990);
+        CHECK_EQUAL(host_latch(i, 0), ORI_ACCEPTED); /* what is to let go may */
+    }
+    CHECK_EQUAL(host_latch(3, 1), ORI_REFUSED_INDEX);
+    fake.adc[ORI_ADC_SUPPLY] = 500;
+    enable_all();
+    frames_pass(20);
+    CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE);
+}
+
+/* A latch needs it as a hinge does; and what was latched can be cleared when nothing is driven any more. */
+static void test_a_supply_that_goes_off_under_a_latch(void)
+{
+    for (uint8_t i = 0; i < 2; i++) {
+        rig_start();
+        CHECK_EQUAL(host_latch(i, 1), ORI_ACCEPTED);
+        fake.adc[ORI_ADC_SUPPLY] = 0;
+        frames_pass(4);
+        CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE);
+        frames_pass(1);
+        CHECK_EQUAL(fault_latched(), ORI_FAULT_SUPPLY_LOW);
+        CHECK_EQUAL(machine_state(), ORI_FAULTED);
+        CHECK_EQUAL(host_clear(ORI_FAULT_SUPPLY_LOW), ORI_REFUSED_CAUSE);
+        CHECK_EQUAL(host_latch(i, 0), ORI_ACCEPTED);
+        CHECK_EQUAL(host_clear(ORI_FAULT_SUPPLY_LOW), ORI_ACCEPTED);
+        frames_pass(10);
+        CHECK_EQUAL(fault_latched(), ORI_FAULT_NONE);
+    }
 }
 
 /* What cannot be is a fault for good. */
@@ -310,6 +361,7 @@ SUITE(machine_faults, TEST(test_a_stalled_hinge_goes_off_and_the_others_brake), 
       TEST(test_lost_feedback_under_way_brakes), TEST(test_lost_feedback_at_rest),
       TEST(test_a_supply_that_fails_is_no_lost_feedback), TEST(test_the_emergency_stop), TEST(test_the_emergency_stop_at_rest),
       TEST(test_a_sagging_supply), TEST(test_the_causes_of_other_faults_do_not_matter),
+      TEST(test_a_supply_that_is_off_is_no_fault), TEST(test_a_supply_that_goes_off_under_a_latch),
       TEST(test_an_empty_queue_under_way_is_an_internal_fault), TEST(test_faults_and_silence_move_no_latch),
       TEST(test_magnets_protect_themselves_during_a_fault), TEST(test_magnets_that_trip_are_told_apart),
       TEST(test_clearing_without_hinges_on_is_idle));

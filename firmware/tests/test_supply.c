@@ -59,7 +59,7 @@ static void test_nothing_is_low_when_none_is_watched(void)
     set_up(10000, 0);
     reads(0);
     for (unsigned i = 0; i < 20; i++)
-        CHECK(!supply_step());
+        CHECK(!supply_step(true));
 }
 
 static void test_low_for_five_frames_is_low(void)
@@ -67,9 +67,9 @@ static void test_low_for_five_frames_is_low(void)
     set_up(10000, 5000);
     reads(400);
     for (unsigned i = 1; i < 5; i++)
-        CHECK(!supply_step());
+        CHECK(!supply_step(true));
     for (unsigned i = 0; i < 600; i++) /* and for ever */
-        CHECK(supply_step());
+        CHECK(supply_step(true));
 }
 
 static void test_a_good_frame_begins_anew(void)
@@ -78,16 +78,29 @@ static void test_a_good_frame_begins_anew(void)
     for (unsigned round = 0; round < 3; round++) {
         reads(400);
         for (unsigned i = 0; i < 4; i++)
-            CHECK(!supply_step());
+            CHECK(!supply_step(true));
         reads(600);
-        CHECK(!supply_step());
+        CHECK(!supply_step(true));
     }
     reads(400);
     for (unsigned i = 0; i < 5; i++)
-        CHECK_EQUAL(supply_step(), i == 4);
+        CHECK_EQUAL(supply_step(true), i == 4);
     reads(600);
-    CHECK(!supply_step());
+    CHECK(!supply_step(true));
+}
+
+static void test_it_counts_while_something_is_driven(void)
+{
+    set_up(10000, 5000);
+    reads(400);
+    for (unsigned i = 0; i < 50; i++)
+        CHECK(!supply_step(false));
+    for (unsigned i = 0; i < 5; i++)
+        CHECK_EQUAL(supply_step(true), i == 4);
+    CHECK(!supply_step(false));
+    CHECK(!supply_step(true));
 }
 
 SUITE(supply, TEST(test_counts_are_millivolts), TEST(test_the_most_is_no_more_than_fits), TEST(test_the_limit_itself_is_enough),
-      TEST(test_nothing_is_low_when_none_is_watched), TEST(test_low_for_five_frames_is_low), TEST(test_a_good_frame_begins_anew));
+      TEST(test_nothing_is_low_when_none_is_watched), TEST(test_low_for_five_frames_is_low), TEST(test_a_good_frame_begins_anew),
+      TEST(test_it_counts_while_something_is_driven));
