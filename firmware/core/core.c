@@ -187,9 +187,13 @@ static void on_clear(const mavlink_message_t *message)
 static void on_config_device(const mavlink_message_t *message)
 {
     mavlink_ori_config_device_t record;
+    uint8_t index = ORI_NOBODY;
+    int32_t value = 0;
     mavlink_msg_ori_config_device_decode(message, &record);
-    if (!is_repeated(record.token))
-        answer(record.token, machine_config_begin(&record), ORI_NOBODY, 0);
+    if (is_repeated(record.token))
+        return;
+    const uint8_t result = machine_config_begin(&record, &index, &value);
+    answer(record.token, result, index, value);
 }
 
 static void on_config_hinge(const mavlink_message_t *message)
@@ -211,11 +215,12 @@ static void on_config_latch(const mavlink_message_t *message)
 static void on_config_commit(const mavlink_message_t *message)
 {
     const uint16_t token = mavlink_msg_ori_config_commit_get_token(message);
-    uint32_t found = 0;
+    uint8_t index = ORI_NOBODY;
+    int32_t value = 0;
     if (is_repeated(token))
         return;
-    const uint8_t result = machine_config_commit(mavlink_msg_ori_config_commit_get_hash(message), &found);
-    answer(token, result, ORI_NOBODY, (int32_t)found);
+    const uint8_t result = machine_config_commit(mavlink_msg_ori_config_commit_get_hash(message), &index, &value);
+    answer(token, result, index, value);
 }
 
 /* Records of the configuration in force, answered by themselves: asking twice does no harm. */

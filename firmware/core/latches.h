@@ -2,13 +2,17 @@
  *
  * Silence of the host and faults of the hinges move no latch. An electromagnet that is on for too long lets go by
  * itself and cools before it may be engaged again.
+ *
+ * Heat is a magnet output's, and outlasts a restart, in port_kept. When that was damaged the outputs count as cold if
+ * power was off, and else as fully hot: tripped until they are cold. How long the restart took is not known, and does
+ * not count as cooling.
  */
 #ifndef ORI_LATCHES_H
 #define ORI_LATCHES_H
 
 #include "config.h"
 
-/* Every output off, nothing sensed. */
+/* Every output off, nothing sensed; heat as it was kept. */
 void latches_init(void);
 
 /* Close or open a latch. Returns an ORI_RESULT. */
@@ -22,6 +26,10 @@ bool latches_driven(void);
 
 /* Whether engaging this latch drives an output. */
 bool latches_drives(uint8_t index);
+
+/* In how many milliseconds the electromagnets will be cold if they stay off; 0: they are, INT32_MAX: not so soon.
+ * `index` is the one that takes longest. */
+int32_t latches_hot_ms(uint8_t *index);
 
 void latches_report(mavlink_ori_latch_state_t *report);
 

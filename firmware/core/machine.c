@@ -259,18 +259,29 @@ uint8_t machine_clear(uint8_t fault, int32_t *value)
     return ORI_ACCEPTED;
 }
 
-uint8_t machine_config_begin(const mavlink_ori_config_device_t *device)
+/* With another configuration the heat of an electromagnet would be another's, or nobody's. */
+static uint8_t judge_configuring(uint8_t *index, int32_t *value)
 {
     if (is_driven())
         return ORI_REFUSED_STATE;
-    return config_begin(device);
+    *value = latches_hot_ms(index);
+    return *value > 0 ? ORI_REFUSED_HOT : ORI_ACCEPTED;
 }
 
-uint8_t machine_config_commit(uint32_t hash, uint32_t *found)
+uint8_t machine_config_begin(const mavlink_ori_config_device_t *device, uint8_t *index, int32_t *value)
 {
-    if (is_driven())
-        return ORI_REFUSED_STATE;
-    const uint8_t result = config_commit(hash, found);
+    const uint8_t result = judge_configuring(index, value);
+    return result == ORI_ACCEPTED ? config_begin(device) : result;
+}
+
+uint8_t machine_config_commit(uint32_t hash, uint8_t *index, int32_t *value)
+{
+    uint32_t found = 0;
+    uint8_t result = judge_configuring(index, value);
+    if (result != ORI_ACCEPTED)
+        return result;
+    result = config_commit(hash, &found);
+    *value = (int32_t)found;
     if (result == ORI_ACCEPTED) {
         if (fault_latched() == ORI_FAULT_CONFIG_CORRUPT)
             fault_forget();

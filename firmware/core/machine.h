@@ -24,8 +24,8 @@ uint8_t machine_disable(uint16_t hinges);
 void machine_brake(void);
 uint8_t machine_latch(uint8_t index, bool engage, int32_t *value);
 uint8_t machine_clear(uint8_t fault, int32_t *value);
-uint8_t machine_config_begin(const mavlink_ori_config_device_t *device);
-uint8_t machine_config_commit(uint32_t hash, uint32_t *found);
+uint8_t machine_config_begin(const mavlink_ori_config_device_t *device, uint8_t *index, int32_t *value);
+uint8_t machine_config_commit(uint32_t hash, uint8_t *index, int32_t *value);
 
 /* Compute the outputs of the frame that begins at `next_frame_us`. */
 void machine_frame(uint64_t now_us, uint64_t next_frame_us);

@@ -52,6 +52,16 @@ void port_eeprom_write(uint16_t address, const void *data, uint16_t size);
 void port_watchdog_kick(void);
 port_reset_t port_reset_cause(void);
 
+/* What outlasts a restart: start-up clears everything else. After power was off anything may be in it; `check` is the
+ * core's to tell. */
+typedef struct {
+    uint32_t heat[ORI_MAGNET_OUTPUTS];
+    uint16_t tripped; /* bit per output */
+    uint16_t check;
+} port_kept_t;
+
+port_kept_t *port_kept(void);
+
 /* Up to 16 characters, ended by 0 when shorter. */
 const char *port_name(void);
 

@@ -6,6 +6,7 @@
 #include "port.h"
 
 static uint8_t flags __attribute__((section(".noinit"))); /* set before .bss is cleared */
+static port_kept_t kept __attribute__((section(".noinit"))); /* never cleared */
 
 /* Fills the RAM above the variables with 0xC5. What is left of it above __heap_start was never used as stack. */
 __attribute__((naked, used, section(".init1"))) void paint_stack(void);
@@ -24,7 +25,9 @@ void paint_stack(void) {
 /* After a watchdog reset the watchdog runs on, with its shortest time: it has to be dealt with at once.
  *
  * A bootloader runs before this. The Mega 2560's clears MCUSR and does not hand it on: with one, every start looks
- * like a power-on, and a watchdog reset is not told from it. Program the device without a bootloader to have the cause.
+ * like a power-on, and a watchdog reset is not told from it: what is kept is believed if its checksum is good, which
+ * holds as long as the bootloader leaves it alone, and forgotten else. Program the device without a bootloader to have
+ * the cause.
  */
 __attribute__((naked, used, section(".init3"))) void save_reset_cause(void);
 void save_reset_cause(void) {
@@ -52,4 +55,8 @@ port_reset_t port_reset_cause(void) {
         return PORT_RESET_BROWN_OUT;
     }
     return flags & _BV(EXTRF) ? PORT_RESET_EXTERNAL : PORT_RESET_POWER;
+}
+
+port_kept_t *port_kept(void) {
+    return &kept;
 }

@@ -22,6 +22,7 @@ typedef struct {
     _Atomic uint64_t kicked_us, frame;
     _Atomic uint16_t next[ORI_SERVO_OUTPUTS], now[ORI_SERVO_OUTPUTS];
     _Atomic uint8_t magnets;
+    port_kept_t kept;
     uint8_t eeprom[EEPROM_BYTES];
 } board_t;
 

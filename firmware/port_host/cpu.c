@@ -99,6 +99,10 @@ port_reset_t port_reset_cause(void) {
     return board->cause;
 }
 
+port_kept_t *port_kept(void) {
+    return &board->kept;
+}
+
 const char *port_name(void) {
     return "host";
 }

@@ -192,6 +192,7 @@ static void power(char **word, int words, reply_t *reply) {
     if (reply->error[0] == 0 && on != (cpu > 0)) {
         stop_cpu();
         if (on) {
+            memset(&board->kept, 0, sizeof board->kept);
             resets++;
             start_cpu(PORT_RESET_POWER);
         }

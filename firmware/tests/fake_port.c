@@ -110,6 +110,11 @@ port_reset_t port_reset_cause(void)
     return fake.reset_cause;
 }
 
+port_kept_t *port_kept(void)
+{
+    return &fake.kept;
+}
+
 const char *port_name(void)
 {
     return "fake";

@@ -21,6 +21,7 @@ typedef struct {
     uint32_t eeprom_written;
     /* Cells from here to there keep what they have, as if worn out. */
     uint16_t worn_from, worn_to;
+    port_kept_t kept;
     uint16_t send_room;
     unsigned kicks;
     unsigned servo_calls;

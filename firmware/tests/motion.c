@@ -116,8 +116,9 @@ void configure_again(void)
 {
     const mavlink_ori_config_device_t device = rig_device(1, 0);
     mavlink_ori_config_hinge_t hinge = rig_hinge(0);
-    uint32_t found = 0;
-    CHECK_EQUAL(machine_config_begin(&device), ORI_ACCEPTED);
+    uint8_t index = ORI_NOBODY;
+    int32_t value = 0;
+    CHECK_EQUAL(machine_config_begin(&device, &index, &value), ORI_ACCEPTED);
     CHECK_EQUAL(config_add_hinge(&hinge), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_commit(rig_hash(&device, &hinge, NULL), &found), ORI_ACCEPTED);
+    CHECK_EQUAL(machine_config_commit(rig_hash(&device, &hinge, NULL), &index, &value), ORI_ACCEPTED);
 }

@@ -213,6 +213,152 @@ static void test_the_longest_times_do_not_overflow(void)
     CHECK_EQUAL(report().tripped, 1); /* with no duty it never cools */
 }
 
+static void restart(port_reset_t cause)
+{
+    fake.reset_cause = cause;
+    latches_init();
+}
+
+/* For any reason, and while nobody counts it does not cool. */
+static void test_heat_outlasts_a_restart(void)
+{
+    for (port_reset_t cause = PORT_RESET_POWER; cause <= PORT_RESET_WATCHDOG; cause++) {
+        set_up(4);
+        CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+        CHECK_EQUAL(latches_command(3, true), ORI_ACCEPTED);
+        steps(30);
+        CHECK_EQUAL(latches_command(3, false), ORI_ACCEPTED);
+        steps(20); /* the first trips */
+        const mavlink_ori_latch_state_t before = report();
+        CHECK_EQUAL(before.tripped, 0x1);
+        CHECK(before.duty_left_permille[3] > 400 && before.duty_left_permille[3] < 600);
+        restart(cause);
+        const mavlink_ori_latch_state_t after = report();
+        CHECK_EQUAL(after.tripped, 0x1);
+        CHECK_EQUAL(after.duty_left_permille[0], 0);
+        CHECK_EQUAL(after.duty_left_permille[3], before.duty_left_permille[3]);
+        CHECK(!fake.magnet[1] && !fake.magnet[4]);
+        CHECK_EQUAL(latches_command(0, true), ORI_REFUSED_TRIPPED);
+        CHECK_EQUAL(latches_command(3, true), ORI_ACCEPTED); /* warm is not tripped */
+        CHECK_EQUAL(latches_command(3, false), ORI_ACCEPTED);
+        steps(149);
+        CHECK_EQUAL(report().tripped, 0x1);
+        steps(1);
+        CHECK_EQUAL(report().tripped, 0);
+        CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+    }
+}
+
+/* Every byte of what is kept counts. */
+static void test_heat_that_is_not_known_is_full(void)
+{
+    for (size_t at = 0; at < sizeof fake.kept; at++)
+        for (port_reset_t cause = PORT_RESET_POWER; cause <= PORT_RESET_WATCHDOG; cause++) {
+            set_up(7);
+            config.latch[6].duty_permille = 1000;
+            CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+            steps(10);
+            ((uint8_t *)&fake.kept)[at] ^= 0x10;
+            restart(cause);
+            const bool cold = cause == PORT_RESET_POWER;
+            CHECK_EQUAL(report().tripped, cold ? 0 : 0x9);
+            CHECK_EQUAL(report().duty_left_permille[0], cold ? 1000 : 0);
+            CHECK_EQUAL(report().duty_left_permille[3], cold ? 1000 : 0);
+            CHECK_EQUAL(report().duty_left_permille[6], 1000); /* it may be on for ever */
+            CHECK_EQUAL(latches_command(3, true), cold ? ORI_ACCEPTED : ORI_REFUSED_TRIPPED);
+            CHECK_EQUAL(latches_command(6, true), ORI_ACCEPTED);
+            CHECK_EQUAL(latches_command(3, false), ORI_ACCEPTED);
+            steps(149);
+            CHECK_EQUAL(report().tripped, cold ? 0 : 0x9);
+            steps(1);
+            CHECK_EQUAL(report().tripped, 0);
+            restart(PORT_RESET_WATCHDOG); /* what was damaged is whole again */
+            CHECK_EQUAL(report().tripped, 0);
+        }
+}
+
+/* Of a device that has lost its configuration it is remembered until there is one. */
+static void test_heat_waits_for_a_configuration(void)
+{
+    set_up(1);
+    memset(&fake.kept, 0x5a, sizeof fake.kept);
+    config.device.latches = 0;
+    restart(PORT_RESET_WATCHDOG);
+    CHECK_EQUAL(report().tripped, 0);
+    CHECK_EQUAL(report().duty_left_permille[0], 1000);
+    steps(1000);
+    config.device.latches = 1;
+    latches_init();
+    CHECK_EQUAL(report().tripped, 0x1);
+    steps(149);
+    CHECK_EQUAL(report().tripped, 0x1);
+    steps(1);
+    CHECK_EQUAL(report().tripped, 0);
+}
+
+/* It is the output's, and no more than its record allows. */
+static void test_heat_is_the_outputs(void)
+{
+    set_up(1);
+    CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+    steps(20);
+    config.device.latches = 4;
+    config.latch[3] = config.latch[0];
+    config.latch[0].kind = ORI_MAGNET;
+    restart(PORT_RESET_EXTERNAL);
+    CHECK_EQUAL(report().duty_left_permille[3], 600);
+    CHECK_EQUAL(report().duty_left_permille[0], 1000);
+    config.latch[3].max_on_ms = 100;
+    restart(PORT_RESET_EXTERNAL);
+    CHECK_EQUAL(report().duty_left_permille[3], 0);
+    CHECK_EQUAL(report().tripped, 0x8);
+    steps(15); /* 75 ms / 250 per mille */
+    CHECK_EQUAL(report().tripped, 0);
+}
+
+static void test_when_it_will_be_cold_is_told(void)
+{
+    uint8_t index = ORI_NOBODY;
+    set_up(7);
+    config.latch[6].max_on_ms = 3600000;
+    config.latch[6].duty_permille = 1;
+    CHECK_EQUAL(latches_hot_ms(&index), 0);
+    CHECK_EQUAL(index, ORI_NOBODY);
+    CHECK_EQUAL(latches_command(1, true), ORI_ACCEPTED); /* a pin has no heat */
+    CHECK_EQUAL(latches_command(2, true), ORI_ACCEPTED);
+    steps(10);
+    CHECK_EQUAL(latches_hot_ms(&index), 0);
+    CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+    steps(1);
+    CHECK_EQUAL(latches_command(0, false), ORI_ACCEPTED);
+    CHECK_EQUAL(latches_hot_ms(&index), 60); /* 20 ms 0.75 / 0.25 */
+    CHECK_EQUAL(index, 0);
+    CHECK_EQUAL(latches_command(3, true), ORI_ACCEPTED);
+    steps(2);
+    CHECK_EQUAL(latches_command(3, false), ORI_ACCEPTED);
+    CHECK_EQUAL(latches_hot_ms(&index), 120);
+    CHECK_EQUAL(index, 3);
+    for (int32_t left = 100; left >= 0; left -= 20) {
+        steps(1);
+        CHECK_EQUAL(latches_hot_ms(&index), left);
+    }
+    config.latch[0].duty_permille = 280; /* steps are whole */
+    CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
+    steps(1);
+    CHECK_EQUAL(latches_command(0, false), ORI_ACCEPTED);
+    CHECK_EQUAL(latches_hot_ms(&index), 60); /* 51.4 */
+    CHECK_EQUAL(latches_command(6, true), ORI_ACCEPTED);
+    steps(2149);
+    CHECK_EQUAL(latches_hot_ms(&index), 2149 * 20 * 999);
+    CHECK_EQUAL(index, 6);
+    steps(105332); /* to the last step that can be told */
+    CHECK_EQUAL(latches_hot_ms(&index), 107481 * 20 * 999);
+    steps(1);
+    CHECK_EQUAL(latches_hot_ms(&index), INT32_MAX);
+    config.latch[6].duty_permille = 0;
+    CHECK_EQUAL(latches_hot_ms(&index), INT32_MAX);
+}
+
 static void test_a_magnet_with_full_duty_stays_on(void)
 {
     set_up(1);
@@ -346,7 +492,9 @@ static void test_debouncing_times(void)
 SUITE(latches, TEST(test_everything_is_off_at_first), TEST(test_magnets_go_on_and_off), TEST(test_pins_are_driven_by_pulses),
       TEST(test_passive_magnets_have_no_output), TEST(test_there_are_no_others),
       TEST(test_electromagnets_heat_as_the_model_does), TEST(test_a_magnet_lets_go_after_its_longest_time),
-      TEST(test_the_longest_times_do_not_overflow), TEST(test_a_magnet_with_full_duty_stays_on), TEST(test_several_trip_at_once),
+      TEST(test_the_longest_times_do_not_overflow), TEST(test_heat_outlasts_a_restart),
+      TEST(test_heat_that_is_not_known_is_full), TEST(test_heat_waits_for_a_configuration), TEST(test_heat_is_the_outputs),
+      TEST(test_when_it_will_be_cold_is_told), TEST(test_a_magnet_with_full_duty_stays_on), TEST(test_several_trip_at_once),
       TEST(test_what_is_left_is_told_to_the_per_mille), TEST(test_all_eight_are_there),
       TEST(test_sensors_are_believed_when_steady), TEST(test_bouncing_sensors_are_not_believed),
       TEST(test_sensors_may_be_low_when_closed), TEST(test_latches_without_a_sensor_cannot_tell), TEST(test_debouncing_times));

@@ -87,40 +87,72 @@ static void test_configuring_needs_everything_off(void)
 {
     const mavlink_ori_config_device_t device = rig_device(0, 0);
     const uint32_t hash = rig_hash(&device, NULL, NULL);
-    uint32_t found = 0;
+    uint8_t index = ORI_NOBODY;
+    int32_t value = 0;
     rig_start();
     CHECK_EQUAL(host_enable(0x4, NULL, 1), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_begin(&device), ORI_REFUSED_STATE);
+    CHECK_EQUAL(machine_config_begin(&device, &index, &value), ORI_REFUSED_STATE);
     CHECK_EQUAL(host_disable(0x4), ORI_ACCEPTED);
     CHECK_EQUAL(host_latch(1, 1), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_begin(&device), ORI_REFUSED_STATE);
+    CHECK_EQUAL(machine_config_begin(&device, &index, &value), ORI_REFUSED_STATE);
     CHECK_EQUAL(host_latch(1, 0), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_begin(&device), ORI_ACCEPTED);
+    CHECK_EQUAL(machine_config_begin(&device, &index, &value), ORI_ACCEPTED);
     CHECK_EQUAL(host_enable(0x4, NULL, 1), ORI_ACCEPTED); /* the old one is in force until the end */
-    CHECK_EQUAL(machine_config_commit(hash, &found), ORI_REFUSED_STATE);
+    CHECK_EQUAL(machine_config_commit(hash, &index, &value), ORI_REFUSED_STATE);
     CHECK_EQUAL(hinges_on(), 0x4);
     CHECK_EQUAL(host_disable(0x4), ORI_ACCEPTED);
     CHECK_EQUAL(host_latch(0, 1), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_commit(hash, &found), ORI_REFUSED_STATE);
+    CHECK_EQUAL(machine_config_commit(hash, &index, &value), ORI_REFUSED_STATE);
     CHECK(fake.magnet[1]);
-    CHECK_EQUAL(host_latch(0, 0), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_commit(hash, &found), ORI_ACCEPTED);
-    CHECK_EQUAL(found, hash);
+    CHECK_EQUAL(host_latch(0, 0), ORI_ACCEPTED); /* no frame passed: it is cold */
+    CHECK_EQUAL(machine_config_commit(hash, &index, &value), ORI_ACCEPTED);
+    CHECK_EQUAL((uint32_t)value, hash);
     CHECK_EQUAL(config_hash(), hash);
+}
+
+/* Another configuration would take the heat for another magnet's, or forget it. */
+static void test_configuring_waits_for_magnets_to_cool(void)
+{
+    mavlink_ori_config_device_t device = rig_device(0, 0);
+    const uint32_t hash = rig_hash(&device, NULL, NULL);
+    rig_start();
+    device.token = host_token();
+    CHECK_EQUAL(host_commands(KIND(ORI_CONFIG_DEVICE), &device).result, ORI_ACCEPTED);
+    CHECK_EQUAL(host_latch(0, 1), ORI_ACCEPTED);
+    frames_pass(10);
+    CHECK_EQUAL(host_latch(0, 0), ORI_ACCEPTED);
+    mavlink_ori_config_commit_t commit = {.token = host_token(), .hash = hash};
+    mavlink_ori_ack_t ack = host_commands(KIND(ORI_CONFIG_COMMIT), &commit);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_HOT);
+    CHECK_EQUAL(ack.index, 0);
+    CHECK_EQUAL(ack.value, 600); /* 200 ms 0.75 / 0.25 */
+    frames_pass(29);
+    device.token = host_token();
+    ack = host_commands(KIND(ORI_CONFIG_DEVICE), &device);
+    CHECK_EQUAL(ack.result, ORI_REFUSED_HOT);
+    CHECK_EQUAL(ack.index, 0);
+    CHECK_EQUAL(ack.value, 20);
+    frames_pass(1);
+    commit.token = host_token(); /* what was begun before is still there */
+    ack = host_commands(KIND(ORI_CONFIG_COMMIT), &commit);
+    CHECK_EQUAL(ack.result, ORI_ACCEPTED);
+    CHECK_EQUAL((uint32_t)ack.value, hash);
+    CHECK_EQUAL(ack.index, ORI_NOBODY);
 }
 
 static void test_a_refused_configuration_changes_nothing(void)
 {
     const mavlink_ori_config_device_t device = rig_device(0, 0);
-    uint32_t found = 0;
+    uint8_t index = ORI_NOBODY;
+    int32_t value = 0;
     rig_start();
     const uint32_t old = config_hash();
     fake.estop = true;
     frame_passes();
     fake.estop = false;
-    CHECK_EQUAL(machine_config_begin(&device), ORI_ACCEPTED);
-    CHECK_EQUAL(machine_config_commit(12345, &found), ORI_REFUSED_HASH);
-    CHECK_EQUAL(found, rig_hash(&device, NULL, NULL));
+    CHECK_EQUAL(machine_config_begin(&device, &index, &value), ORI_ACCEPTED);
+    CHECK_EQUAL(machine_config_commit(12345, &index, &value), ORI_REFUSED_HASH);
+    CHECK_EQUAL((uint32_t)value, rig_hash(&device, NULL, NULL));
     CHECK_EQUAL(config_hash(), old);
     CHECK_EQUAL(fault_latched(), ORI_FAULT_ESTOP);
     CHECK_EQUAL(machine_state(), ORI_FAULTED);
@@ -144,4 +176,5 @@ static void test_a_new_configuration_begins_afresh(void)
 SUITE(machine_config, TEST(test_damaged_configurations_are_a_fault_until_one_is_written),
       TEST(test_damage_behind_another_fault_is_not_forgotten), TEST(test_a_configuration_ends_no_other_fault),
       TEST(test_a_reset_without_a_configuration_can_be_cleared), TEST(test_configuring_needs_everything_off),
+      TEST(test_configuring_waits_for_magnets_to_cool),
       TEST(test_a_refused_configuration_changes_nothing), TEST(test_a_new_configuration_begins_afresh));

@@ -321,6 +321,27 @@ static void test_magnets_protect_themselves_during_a_fault(void)
     CHECK_EQUAL(host_latches().tripped, 0x1);
 }
 
+/* Nor does anything but time cool them: no clearing, no restart. */
+static void test_nothing_forgets_the_heat_of_magnets(void)
+{
+    rig_start();
+    CHECK_EQUAL(host_latch(0, 1), ORI_ACCEPTED);
+    fake.estop = true;
+    for (unsigned i = 0; i < 50; i++)
+        frame_passes();
+    fake.estop = false;
+    CHECK_EQUAL(host_clear(ORI_FAULT_ESTOP), ORI_ACCEPTED);
+    CHECK_EQUAL(host_latch(0, 1), ORI_REFUSED_TRIPPED);
+    rig_restart(PORT_RESET_WATCHDOG);
+    CHECK_EQUAL(host_latch(0, 1), ORI_REFUSED_TRIPPED);
+    CHECK_EQUAL(host_clear(ORI_FAULT_WATCHDOG_RESET), ORI_ACCEPTED);
+    CHECK_EQUAL(host_latch(0, 1), ORI_REFUSED_TRIPPED);
+    frames_pass(149);
+    CHECK_EQUAL(host_latch(0, 1), ORI_REFUSED_TRIPPED);
+    frames_pass(1);
+    CHECK_EQUAL(host_latch(0, 1), ORI_ACCEPTED);
+}
+
 /* Each is told with its own number. */
 static void test_magnets_that_trip_are_told_apart(void)
 {
@@ -363,5 +384,6 @@ SUITE(machine_faults, TEST(test_a_stalled_hinge_goes_off_and_the_others_brake), 
       TEST(test_a_sagging_supply), TEST(test_the_causes_of_other_faults_do_not_matter),
       TEST(test_a_supply_that_is_off_is_no_fault), TEST(test_a_supply_that_goes_off_under_a_latch),
       TEST(test_an_empty_queue_under_way_is_an_internal_fault), TEST(test_faults_and_silence_move_no_latch),
-      TEST(test_magnets_protect_themselves_during_a_fault), TEST(test_magnets_that_trip_are_told_apart),
+      TEST(test_magnets_protect_themselves_during_a_fault), TEST(test_nothing_forgets_the_heat_of_magnets),
+      TEST(test_magnets_that_trip_are_told_apart),
       TEST(test_clearing_without_hinges_on_is_idle));

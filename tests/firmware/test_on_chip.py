@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.mcu import FRAME_CYCLES, N_HINGES, measure, size, wiring, world
 from ori_deploy.actuators.mcu.records import records
-from ori_deploy.wire.mcu import dialect
+from ori_deploy.wire.mcu import LatchCommand, LatchState, Poll, dialect
 from sim_backends.microcontroller.launcher import Microcontroller
 from sim_backends.microcontroller.lockstep import LockstepHost
 from tests.sim_backends.microcontroller.bench import need
@@ -24,6 +24,32 @@ def test_flash_and_ram_leave_room() -> None:
     flash, ram = size()
     assert flash < 64 * 1024
     assert ram < 4 * 1024
+
+
+def test_magnets_are_as_hot_after_a_reset_as_before(tmp_path: Path) -> None:
+    """Start-up leaves the memory alone in which the heat is kept; without power it is lost."""
+    need("atmega2560")
+    with Microcontroller(world(), tmp_path / "tty", lockstep=True) as board:
+        board.wait_ready()
+        host = LockstepHost(board)
+        host.configure(records(wiring()))
+
+        def latches() -> LatchState:
+            return host.ask(lambda token: Poll(token, dialect.ORI_POLL_LATCHES), LatchState)
+
+        host.command(lambda token: LatchCommand(token, 3, 1))
+        board.run(2.0)
+        left = latches().duty_left_permille[3]
+        assert 790 < left < 810
+        board.reset("external")
+        board.run(0.3)
+        warm = latches()
+        assert warm.commanded == warm.tripped == 0
+        assert left <= warm.duty_left_permille[3] < left + 50
+        board.power(False)
+        board.power(True)
+        board.run(0.3)
+        assert latches().duty_left_permille == [1000] * 8
 
 
 @pytest.mark.slow
