@@ -121,15 +121,17 @@ class Link:
     def brake(self, now: float) -> float:
         """Have a bus that queues goals come to rest at once, along them; time until then, in s.
 
-        It takes no more goals before `torque_on`.
+        It takes no more goals before `torque_on`. A bus that fails here is no further fault: it is told to brake
+        because of one.
         """
+        del now
         if self.lost or self.bus.delay_s == 0.0:
             return 0.0
         self.braked = True
         try:
             return self.bus.brake()
         except BusError as error:  # the device brakes by itself when it hears nothing more
-            self._fail(error, now)
+            self.lost = isinstance(error, BusClosed)
             return self.bus.delay_s
 
     def command_latches(self, work: LatchWork, now: float) -> None:
@@ -225,4 +227,5 @@ class Link:
             self.lost = True
         kind = next(kind for type_, kind in _KINDS if isinstance(error, type_))
         thing = error.actuator_id if isinstance(error, ActuatorFault) else "bus"
-        self._trip(Fault(kind, thing, str(error), "see the message, then clear the fault", now))
+        detail, _, remedy = str(error).removeprefix(f"{thing}: ").partition("; remedy: ")
+        self._trip(Fault(kind, thing, detail, remedy or "see the message, then clear the fault", now))
