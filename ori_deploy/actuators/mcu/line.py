@@ -248,6 +248,10 @@ class McuLine:
             stamp = self._ask_clock(now)
             self._receive(lambda _, stamp=stamp: stamp not in self._asked, self._timeout)  # type: ignore[misc]
 
+    def listen(self, timeout_s: float) -> bool:
+        """Send nothing, and tell whether the device says anything by itself."""
+        return self._receive(lambda _: True, timeout_s)
+
     def take_waiting(self) -> None:
         """Take in what has arrived, without waiting."""
         self._receive(lambda _: False, 0.0)

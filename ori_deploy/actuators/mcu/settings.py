@@ -212,7 +212,8 @@ class McuSettings:
     thermistor
         Of the servos' thermometer.
     boot_wait_s
-        How long the device may take to answer after its port was opened, which restarts most boards.
+        How long a device that does not answer at once is left in peace before it is asked again: opening the
+        port restarts most boards, and a bootloader that is talked to stays awake.
     hinge, latch
         By name.
     each_hinge, each_latch
@@ -233,7 +234,7 @@ class McuSettings:
     stall_s: _StallTime = 0.5
     seat_rad: _Seat = 0.06
     thermistor: Thermistor = Thermistor()
-    boot_wait_s: _BootWait = 3.0
+    boot_wait_s: _BootWait = 10.0
     hinge: tuple[HingeEntry, ...] = ()
     each_hinge: HingeServo | None = None
     latch: tuple[LatchEntry, ...] = ()

@@ -8,8 +8,10 @@ from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.clock import Clock
 from ori_deploy.wire.mcu import Info, State, dialect
 
-KNOCK_PERIOD_S = 0.1
-"""How often a device that may be starting is asked."""
+FIRST_ASKS = 3
+"""Times that a device is asked at once: an answer may be lost, and all of it reaches a bootloader as one burst."""
+
+LAST_ASKS = 4
 
 LOOKS = 5
 LOOK_PERIOD_S = 0.02
@@ -18,27 +20,35 @@ not all inputs have been converted."""
 
 
 def find_device(line: McuLine, clock: Clock, boot_wait_s: float) -> Info:
-    """Wait until the device answers: opening the port restarts most boards.
+    """Ask the device who it is, and wait in silence when it does not answer.
+
+    Opening the port restarts most boards, and a bootloader stays awake for as long as anybody talks to it: a
+    Mega's goes on for 5 to 8 s after the last byte. The firmware says by itself that it has started.
 
     Raises
     ------
     BusTimeout
-        It does not answer within `boot_wait_s`.
+        It does not answer at once, nor after `boot_wait_s` of silence.
     """
-    deadline = clock.now() + boot_wait_s
-    while True:
-        try:
-            info = line.poll(dialect.ORI_POLL_INFO).info
-        except (BusTimeout, CorruptReply) as silence:
-            if clock.now() >= deadline:
-                raise BusTimeout(
-                    f"{line.port.path}: no microcontroller answers within {boot_wait_s:g} s; "
-                    "remedy: check port, baud rate and cable, and that the firmware is on it"
-                ) from silence
-            clock.sleep_until(clock.now() + KNOCK_PERIOD_S)
-            continue
-        assert info is not None
+    if (info := _ask(line, FIRST_ASKS)) is not None:
         return info
+    deadline = clock.now() + boot_wait_s
+    while clock.now() < deadline:
+        if line.listen(deadline - clock.now()) and (info := _ask(line, FIRST_ASKS)) is not None:
+            return info
+    if (info := _ask(line, LAST_ASKS)) is not None:
+        return info
+    raise BusTimeout(
+        f"{line.port.path}: no microcontroller answers, neither at once nor after {boot_wait_s:g} s of silence, "
+        "in which a bootloader ends; remedy: check port and cable, and that the firmware is on it"
+    )
+
+
+def _ask(line: McuLine, attempts: int) -> Info | None:
+    try:
+        return line.poll_patiently(dialect.ORI_POLL_INFO, attempts).info
+    except (BusTimeout, CorruptReply):
+        return None
 
 
 def check_config(info: Info, wanted: int, port: str) -> None:
@@ -65,16 +75,25 @@ def check_feedback(line: McuLine, wiring: McuWiring, clock: Clock) -> State:
     BusTimeout
         Naming those that do not.
     """
-    names: list[str] = []
-    for _ in range(LOOKS):
+    for look in range(LOOKS):
+        if look:
+            clock.sleep_until(clock.now() + LOOK_PERIOD_S)
         state = line.poll_patiently(dialect.ORI_POLL_STATE).state
         assert state is not None
-        names = [
-            hinge.name
+        lost = {
+            hinge.name: f"{'open wire' if state.silent >> k & 1 else 'reads what cannot be'} at A{hinge.feedback}"
             for k, hinge in enumerate(wiring.hinges)
             if hinge.feedback is not None and not state.sensed >> k & 1
-        ]
-        if not names:
+        }
+        if not lost:
             return state
-        clock.sleep_until(clock.now() + LOOK_PERIOD_S)
-    raise BusTimeout(f"no position from {', '.join(names)}; remedy: check the servo's supply and its feedback wire")
+    supply_v, lowest_v = 1e-3 * state.supply_mv, wiring.settings.min_supply_v
+    if supply_v < lowest_v:
+        raise BusTimeout(
+            f"no position from {', '.join(lost)}: the servos' supply is {supply_v:.2f} V; "
+            f"limit: min_supply_v = {lowest_v:g} V; remedy: switch it on, check its fuse"
+        )
+    raise BusTimeout(
+        f"no position from {', '.join(f'{name} ({what})' for name, what in lost.items())}; "
+        "remedy: check the servo's supply and its feedback wire"
+    )
