@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ori_deploy.actuators.bus import CommandRefused
-from ori_deploy.actuators.mcu.faults import enum_name, fault_error, fault_name, refusal
+from ori_deploy.actuators.bus import ActuatorFault, CommandRefused
+from ori_deploy.actuators.mcu.configure import read_device
+from ori_deploy.actuators.mcu.faults import WHOLE, Naming, enum_name, fault_error, fault_name, refusal
 from ori_deploy.actuators.mcu.line import McuLine
 from ori_deploy.actuators.mcu.port import SerialPort
 from ori_deploy.actuators.mcu.startup import find_device
@@ -17,8 +18,8 @@ from ori_deploy.wire.mcu import Disable, FaultClear, Info, State, dialect
 BENCH_TIMEOUT_S = 0.1
 """How late an answer may come at the bench, where nobody is in a hurry."""
 
-BOOT_WAIT_S = 3.0
-"""A board that restarts when its port is opened takes about two."""
+BOOT_WAIT_S = 10.0
+"""As `McuSettings.boot_wait_s`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +32,13 @@ class Board:
         To talk with it.
     info
         What it said it is.
+    naming
+        What messages call its parts.
     """
 
     line: McuLine
     info: Info
+    naming: Naming
 
     def state(self) -> State:
         """How it is now."""
@@ -44,8 +48,14 @@ class Board:
 
 
 @contextmanager
-def board(port: str, baud: int, clock: Clock, boot_wait_s: float = BOOT_WAIT_S) -> Iterator[Board]:
-    """The device behind a port, for this process alone.
+def board(
+    port: str,
+    baud: int,
+    clock: Clock,
+    boot_wait_s: float = BOOT_WAIT_S,
+    names: tuple[Sequence[str], Sequence[str]] = ((), ()),
+) -> Iterator[Board]:
+    """The device behind a port, for this process alone; `names` are those of its hinges and latches, if known.
 
     Raises
     ------
@@ -61,7 +71,7 @@ def board(port: str, baud: int, clock: Clock, boot_wait_s: float = BOOT_WAIT_S) 
         info = find_device(line, clock, boot_wait_s)
         # Turns nothing off, and is answered whatever the token was that another program used last.
         line.command(lambda token: Disable(token, 0), "greeting")
-        yield Board(line, info)
+        yield Board(line, info, Naming(*names, f"ori-deploy mcu clear-fault --port {port}", read_device(line)))
     finally:
         serial.close()
 
@@ -76,10 +86,15 @@ def reset_cause(info: Info) -> str:
     return enum_name("ORI_RESET_CAUSE", info.reset_cause).removeprefix("reset ")
 
 
-def fault_words(state: State) -> str:
+def fault_words(state: State, naming: Naming) -> str:
     """The latched fault in words, with its remedy; "none" without one."""
-    wrong = fault_error(state, ())
-    return "none" if wrong is None else f"{fault_name(state.fault)}: {wrong}"
+    wrong = fault_error(state, naming)
+    return "none" if wrong is None else f"{fault_name(state.fault)}: {_alone(wrong)}"
+
+
+def _alone(wrong: ActuatorFault) -> str:
+    """Without the microcontroller's name, where everything is about it."""
+    return str(wrong).removeprefix(f"{WHOLE}: ")
 
 
 def clear_fault(found: Board) -> str | None:
@@ -101,6 +116,8 @@ def clear_fault(found: Board) -> str | None:
     ack = found.line.command(lambda token: FaultClear(token, state.fault), f"clearing the fault {name}")
     if ack.result != dialect.ORI_ACCEPTED:
         if ack.result == dialect.ORI_REFUSED_CAUSE:
-            raise CommandRefused(f"the fault {name} stays: {fault_words(state)}")
-        raise refusal(ack, f"the fault {name} stays", ())
+            wrong = fault_error(state, found.naming)
+            assert wrong is not None
+            raise CommandRefused(f"the fault {name} stays: {_alone(wrong)}")
+        raise refusal(ack, f"the fault {name} stays", WHOLE, found.naming)
     return name

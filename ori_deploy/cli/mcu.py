@@ -120,7 +120,7 @@ def info(port: str | None, baud: int | None, rig_file: Path | None, as_json: boo
             "starts": found.info.boot,
             "last_start": reset_cause(found.info),
             "state": state_name(state.state),
-            "fault": fault_words(state),
+            "fault": fault_words(state, found.naming),
             "supply_v": round(1e-3 * state.supply_mv, 3),
             "config_hash": f"{found.info.config_hash:08x}" if config else None,
             "hinges": found.info.hinges,

@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from ori_deploy.actuators.bus import ActuatorBus
+from ori_deploy.actuators.bus import ActuatorBus, CommandRefused
 from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
@@ -99,9 +99,15 @@ def vouch_for(bus: ActuatorBus, rig: ResolvedRig, plan: Plan, stands: Place | No
     Raises
     ------
     CommandRefused
-        It is measured elsewhere.
+        It is measured elsewhere, or nobody knows where some of it stands.
     """
     if stands is None:
+        lost = bus.unvouched()
+        if lost:
+            raise CommandRefused(
+                f"torque stays off: nobody knows where {', '.join(lost)} stand, which have no feedback or restarted; "
+                "remedy: look at the structure, and say --stands stowed or --stands deployed"
+            )
         return
     shaft = rig.to_actuator(plan.crease_angles_rad[0 if stands == "stowed" else -1])
     bus.vouch(shaft, rig.controller.start_tolerance_rad * np.abs(rig.shaft_per_crease))

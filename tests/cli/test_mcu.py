@@ -122,14 +122,35 @@ def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: P
         assert [hinge["measured_rad"] is None for hinge in shown["hinges"]] == [False, False, True, False]
         assert "open wire" in mcu("monitor", "--count", "1", cwd=tmp_path).stdout
         assert "no fault" in mcu("clear-fault", cwd=tmp_path).stdout
+        one.wire(2, "good")
         one.estop()
         time.sleep(0.1)
         refused = mcu("clear-fault", cwd=tmp_path)
         assert refused.returncode == 1
-        assert "emergency stop" in refused.stderr
+        assert refused.stderr.count("emergency stop") == refused.stderr.count("remedy: ") == 1
+        refused = motion("deploy", made, tmp_path)
+        assert refused.returncode == 1
+        assert refused.stderr.count("\n") == 1  # told once, with the command that clears it
+        for word in ("microcontroller: ", "emergency stop", "remedy: ", "ori-deploy mcu clear-fault --port "):
+            assert refused.stderr.count(word) == 1, refused.stderr
         one.estop(False)
         time.sleep(0.1)
         assert "cleared: estop" in mcu("clear-fault", cwd=tmp_path).stdout
+
+
+def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made: Path, tmp_path: Path) -> None:
+    text = (made / "rig.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("feedback_")]
+    blind = tmp_path / "blind.toml"
+    blind.write_text("\n".join(lines).replace("pulse_max_us = 2500.0", "pulse_max_us = 2500.0\nopen_loop = true"))
+    with board(made, tmp_path):
+        done = mcu("config", blind, "--plan", made / "wing.plan.json", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        words = ("deploy", made / "wing.plan.json", "--rig", blind, "--port", tmp_path / "ttyMCU")
+        refused = run(*words, cwd=tmp_path)
+        assert refused.returncode == 1
+        assert "nobody knows where servo_1, servo_2, servo_3, servo_4 stand" in refused.stderr
+        assert refused.stderr.strip().endswith("--stands stowed or --stands deployed")
 
 
 def test_what_cannot_be_is_one_line(made: Path, tmp_path: Path) -> None:

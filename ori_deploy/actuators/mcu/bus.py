@@ -24,13 +24,13 @@ from ori_deploy.actuators.bus import (
     LatchReading,
     LatchTripped,
 )
-from ori_deploy.actuators.mcu.faults import WHOLE, fault_error, fault_name, refusal, state_name
+from ori_deploy.actuators.mcu.faults import WHOLE, Naming, fault_error, fault_name, refusal, state_name
 from ori_deploy.actuators.mcu.grid import Grid
 from ori_deploy.actuators.mcu.latches import latch_readings, tripped_words
 from ori_deploy.actuators.mcu.line import McuLine, Notice, Reports
 from ori_deploy.actuators.mcu.port import SerialPort
 from ori_deploy.actuators.mcu.readings import Decoder, stalls_only
-from ori_deploy.actuators.mcu.records import config_hash, device_velocity, records
+from ori_deploy.actuators.mcu.records import config_hash, device_record, device_velocity, records
 from ori_deploy.actuators.mcu.settings import FRAME_S
 from ori_deploy.actuators.mcu.startup import check_config, check_feedback, find_device
 from ori_deploy.actuators.mcu.stream import Stream
@@ -97,11 +97,6 @@ class McuBus(ActuatorBus):
         Instead of the one in the rig.
     source
         The rig file, for messages.
-
-    Attributes
-    ----------
-    advice
-        What `connect` found that has to be dealt with before anything can move.
     """
 
     def __init__(
@@ -116,8 +111,13 @@ class McuBus(ActuatorBus):
         settings = wiring.settings
         self._wiring, self._clock, self._source = wiring, clock, source
         self._settings = settings
-        self._hash = config_hash(records(wiring))
+        config = records(wiring)
+        self._hash = config_hash(config)
         self._port = SerialPort(port or settings.port, settings.baud)
+        where = f"--port {port}" if port or source is None else f"--rig {source}"
+        self._naming = Naming(
+            self.hinge_ids, self.latch_ids, f"ori-deploy mcu clear-fault {where}", device_record(config)
+        )
         self._line = McuLine(self._port, clock, settings.reply_timeout_s)
         self._decoder = Decoder(wiring)
         self._grid = Grid(wiring.hinges, 1.0 / rate_hz, settings.lead_s, settings.min_lead_s)
@@ -131,7 +131,6 @@ class McuBus(ActuatorBus):
         self._restarted = False
         self._braked = False  # by ourselves: that fault is no news
         self._shown_us = 0
-        self.advice: tuple[str, ...] = ()
 
     @property
     def delay_s(self) -> float:
@@ -180,20 +179,7 @@ class McuBus(ActuatorBus):
         CommandRefused
             A shaft is measured elsewhere, or does not say where it is. Nothing was changed.
         """
-        readings = self.read_hinges()
-        known = readings.valid | self._decoder.blind
-        if not known.all():
-            raise CommandRefused(f"no valid position from {self._names(~known)}; remedy: check its feedback wire")
-        off = np.where(readings.valid, np.abs(readings.position_rad - shaft_rad), 0.0)
-        off = np.where(
-            self._decoder.blind & np.isfinite(self._decoder.vouched_rad), 0.0, off
-        )  # a new word for an old
-        if (off > tolerance_rad).any():
-            k = int(np.argmax(off - tolerance_rad))
-            raise CommandRefused(
-                f"{self.hinge_ids[k]} is not where the structure is said to stand: measured {off[k]:.3f} rad from "
-                f"there; limit: {tolerance_rad[k]:.3f} rad; remedy: bring it there, or say where it does stand"
-            )
+        self._decoder.require_borne_out(self.read_hinges(), self.hinge_ids, shaft_rad, tolerance_rad)
         self._decoder.vouched_rad = np.where(self._decoder.blind, shaft_rad, np.nan)
 
     # -- connection ----------------------------------------------------------------------------------
@@ -218,11 +204,7 @@ class McuBus(ActuatorBus):
         self._restarted = self._braked = False
         self._decoder.forget()
         self._decoder.vouched_rad[:] = np.nan
-        self._take_over(state)
-        wrong = fault_error(state, self.hinge_ids)
-        self.advice = () if wrong is None else (str(wrong),)
-        for text in self.advice:
-            log.warning("%s", text)
+        self._take_over(state)  # a fault that is latched is told when torque is to go on
 
     def _take_over(self, state: State) -> None:
         """Hinges that another program left on go on holding, and take goals where it ended."""
@@ -266,7 +248,7 @@ class McuBus(ActuatorBus):
             self._stream = None
             raise BusTimeout(
                 f"the microcontroller has not taken goals for {self._settings.lead_s:g} s; "
-                "remedy: check the cable, clear the fault if there is one, then arm"
+                f"remedy: check the cable, and {self._naming.clear} if a fault is latched"
             )
         if not self._grid.has_room(device_now, rate, self._goal_velocity):
             if self._goal_velocity.any():
@@ -311,20 +293,20 @@ class McuBus(ActuatorBus):
         self._pending = False
         self._await_rest()
         state = self._ask_state(with_info=True)
-        wrong = self._restart_error() or fault_error(state, self.hinge_ids)
+        wrong = self._restart_error() or fault_error(state, self._naming) or self._decoder.thermistor_error(state)
         if wrong is not None:
             raise CommandRefused(f"torque stays off: {wrong}")
         name = (state.stream + 1) % 256
         urad = [int(p) for p in np.rint(1e6 * goal)] + [0] * (HINGES - len(goal))
         ack = self._line.command(lambda token: Enable(urad, token, self._all, name), "torque on")
         if ack.result != dialect.ORI_ACCEPTED:
-            raise refusal(ack, "torque stays off", self.hinge_ids)
+            raise refusal(ack, "torque stays off", self._naming.hinge(ack.index), self._naming)
         state = self._ask_state()
         if state.outputs_on != self._all or state.stream != name:
             self._torque_off()
             missing = next((k for k in range(len(goal)) if not state.outputs_on >> k & 1), 0)
             raise ActuatorFault(
-                self.hinge_ids[missing], "takes no torque; all torque is off; remedy: clear the fault"
+                self.hinge_ids[missing], f"takes no torque; all torque is off; remedy: {self._naming.clear}"
             )
         self._stream, self._braked = Stream(name), False
         # Hinges that were on ask for what they asked for: the motion begins there, wherever they are measured.
@@ -338,7 +320,7 @@ class McuBus(ActuatorBus):
         self._stream = None
         ack = self._line.command(lambda token: Disable(token, self._all), "torque off")
         if ack.result != dialect.ORI_ACCEPTED:
-            raise refusal(ack, "torque stays on", self.hinge_ids)
+            raise refusal(ack, "torque stays on", self._naming.hinge(ack.index), self._naming)
         self._decoder.vouched_rad[:] = np.nan
         if self._ask_state().outputs_on & self._all:
             raise ActuatorFault(WHOLE, "does not turn its outputs off; remedy: switch the servos' supply off")
@@ -435,13 +417,15 @@ class McuBus(ActuatorBus):
     def _fault_error(self, state: State) -> ActuatorFault | None:
         """The latched fault, unless it is told by the hinges that stalled, or is what we asked for."""
         asked_for = self._braked and state.fault == dialect.ORI_FAULT_HOST_BRAKE
-        return None if asked_for or stalls_only(state) else fault_error(state, self.hinge_ids)
+        return None if asked_for or stalls_only(state) else fault_error(state, self._naming)
 
     def _restart_error(self) -> ActuatorRestarted | None:
         if not self._restarted:
             return None
         return ActuatorRestarted(
-            WHOLE, "restarted, every hinge and latch is off; remedy: check its supply, clear the fault, then arm"
+            WHOLE,
+            "restarted, and every hinge and latch is off; remedy: hold the structure, check the board's supply and "
+            "USB cable, then give the command again",
         )
 
     # -- errors --------------------------------------------------------------------------------------
@@ -473,7 +457,7 @@ class McuBus(ActuatorBus):
     def _clear(self, fault: int) -> None:
         ack = self._line.command(lambda token: FaultClear(token, fault), f"clearing the fault {fault_name(fault)}")
         if ack.result not in (dialect.ORI_ACCEPTED, dialect.ORI_REFUSED_FAULT):  # another fault came in between
-            raise refusal(ack, f"the fault {fault_name(fault)} stays", self.hinge_ids)
+            raise refusal(ack, f"the fault {fault_name(fault)} stays", WHOLE, self._naming)
 
     # -- latches -------------------------------------------------------------------------------------
 
@@ -487,7 +471,7 @@ class McuBus(ActuatorBus):
             assert report is not None
             raise LatchTripped(name, tripped_words(report, index))
         if ack.result != dialect.ORI_ACCEPTED:
-            raise refusal(ack, what, self.latch_ids)
+            raise refusal(ack, what, name, self._naming)
 
     @_noticing_loss
     def _read_latches(self) -> tuple[LatchReading, ...]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from copy import copy
 
 from ori_deploy.actuators.bus import CommandRefused
-from ori_deploy.actuators.mcu.faults import refusal
+from ori_deploy.actuators.mcu.faults import Naming, refusal
 from ori_deploy.actuators.mcu.line import McuLine
 from ori_deploy.actuators.mcu.records import Record, config_hash
 from ori_deploy.wire.mcu import Ack, ConfigCommit, ConfigDevice, ConfigHinge, ConfigLatch, ConfigRead, dialect
@@ -42,10 +42,16 @@ def write_config(line: McuLine, config: Sequence[Record]) -> int:
     return told
 
 
+def read_device(line: McuLine) -> ConfigDevice | None:
+    """The device's own record in force; None when it has no configuration."""
+    device = _read(line, dialect.ORI_RECORD_DEVICE, 0)
+    return device if isinstance(device, ConfigDevice) else None
+
+
 def read_config(line: McuLine) -> tuple[Record, ...]:
     """The records in force, tokens 0; none when the device has no configuration."""
-    device = _read(line, dialect.ORI_RECORD_DEVICE, 0)
-    if not isinstance(device, ConfigDevice):
+    device = read_device(line)
+    if device is None:
         return ()
     found: list[Record] = [device]
     for kind, count in ((dialect.ORI_RECORD_HINGE, device.hinges), (dialect.ORI_RECORD_LATCH, device.latches)):
@@ -83,4 +89,4 @@ def _name(record: Record) -> str:
 
 def _require(ack: Ack, what: str) -> None:
     if ack.result != dialect.ORI_ACCEPTED:
-        raise refusal(ack, what, ())
+        raise refusal(ack, what, f"number {ack.index}", Naming())

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import BusTimeout, CorruptReply, HardwareError, HealthReadings, HingeReadings
+from ori_deploy.actuators.bus import (
+    BusTimeout,
+    CommandRefused,
+    CorruptReply,
+    HardwareError,
+    HealthReadings,
+    HingeReadings,
+)
 from ori_deploy.actuators.mcu.records import ADC_COUNTS
 from ori_deploy.actuators.mcu.settings import Thermistor
 from ori_deploy.actuators.mcu.wiring import McuWiring
@@ -108,12 +117,10 @@ class Decoder:
         """Temperature and voltage are those of all servos together. Raises as `hinges` does."""
         valid = np.isfinite(self._positions(state)) | self._blind
         self._require_any(valid, state)
+        wrong = self.thermistor_error(state)
+        if wrong is not None:
+            raise wrong
         celsius = temperature_c(state.temperature_count, self._thermistor)
-        if not np.isfinite(celsius) and self._n:
-            raise CorruptReply(
-                f"the thermistor reads {state.temperature_count} counts; "
-                f"limit: {THERMISTOR_LOW} to {THERMISTOR_HIGH}; remedy: check it and its wires"
-            )
         stalled = bits(state.stalled, self._n)
         return HealthReadings(
             temperature_c=np.where(valid, celsius, np.nan),
@@ -123,6 +130,40 @@ class Decoder:
             valid=valid,
             time_s=np.where(valid, time_s, np.nan),
         )
+
+    def thermistor_error(self, state: State) -> CorruptReply | None:
+        """What is wrong with the thermistor, where there are hinges that it is wanted for."""
+        count = state.temperature_count
+        if not self._n or THERMISTOR_LOW <= count <= THERMISTOR_HIGH:
+            return None
+        found = "short circuit" if count < THERMISTOR_LOW else "no thermistor, or an open wire"
+        return CorruptReply(
+            f"{found} at A13: it reads {count} counts; limit: {THERMISTOR_LOW} to {THERMISTOR_HIGH}; "
+            "remedy: check the thermistor and its resistor, or put 10 kohm in its place"
+        )
+
+    def require_borne_out(
+        self, readings: HingeReadings, names: Sequence[str], shaft_rad: FloatArray, tolerance_rad: FloatArray
+    ) -> None:
+        """Check somebody's word for where the shafts stand against those that are measured.
+
+        Raises
+        ------
+        CommandRefused
+            A shaft is measured elsewhere, or does not say where it is.
+        """
+        known = readings.valid | self._blind
+        if not known.all():
+            lost = ", ".join(names[k] for k in np.flatnonzero(~known))
+            raise CommandRefused(f"no valid position from {lost}; remedy: check its feedback wire")
+        off = np.where(readings.valid, np.abs(readings.position_rad - shaft_rad), 0.0)
+        off = np.where(self._blind & np.isfinite(self.vouched_rad), 0.0, off)  # a new word for an old
+        if (off > tolerance_rad).any():
+            k = int(np.argmax(off - tolerance_rad))
+            raise CommandRefused(
+                f"{names[k]} is not where the structure is said to stand: measured {off[k]:.3f} rad from there; "
+                f"limit: {tolerance_rad[k]:.3f} rad; remedy: bring it there, or say where it does stand"
+            )
 
     def _positions(self, state: State) -> FloatArray:
         """(n_hinges,) measured; where there is no feedback the output, or what was vouched for; NaN if not known."""

@@ -54,6 +54,11 @@ def records(wiring: McuWiring) -> tuple[Record, ...]:
     )
 
 
+def device_record(config: Sequence[Record]) -> ConfigDevice | None:
+    """The device's own record, or None without a configuration."""
+    return config[0] if config and isinstance(config[0], ConfigDevice) else None
+
+
 def config_hash(config: Sequence[Record]) -> int:
     """CRC-32 of the payloads of all records; they have token 0."""
     crc = 0
