@@ -20,7 +20,7 @@ ALLOWED: dict[str, set[str]] = {
     "files": {"profiles", "layout", "design", "motion", "loads", "search"},
     "figures": {"profiles", "layout", "design", "motion", "search", "files"},
     "wire": set(),
-    "actuators": {"wire"},
+    "actuators": {"wire", "runtime_dir"},
     "bench": {"actuators", "wire"},
     "deploy": {"motion", "actuators"},
     "telemetry": {"motion", "actuators", "deploy"},

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from ori_deploy.actuators.bus import CommandRefused
+from ori_deploy.actuators.claim import DeviceClaim
 from ori_deploy.actuators.mcu.configure import read_config, write_config
 from ori_deploy.actuators.mcu.faults import state_name
 from ori_deploy.actuators.mcu.records import Record, config_hash, records
@@ -215,7 +216,8 @@ def flash(port: str, image: Path) -> None:
     if avrdude is None:
         raise InputError("avrdude is not installed", remedy="install it (Debian: apt-get install avrdude)")
     words = [avrdude, "-c", "wiring", "-p", "m2560", "-b", str(BOOTLOADER_BAUD), "-D", "-P", port]
-    done = subprocess.run([*words, "-U", f"flash:w:{image}:i"], check=False)
+    with DeviceClaim(port):  # before avrdude restarts the board under whoever has it
+        done = subprocess.run([*words, "-U", f"flash:w:{image}:i"], check=False)
     if done.returncode != 0:
         raise CommandRefused(
             f"avrdude ended with status {done.returncode}; remedy: read what it says above, check port and cable"

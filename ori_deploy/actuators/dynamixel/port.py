@@ -17,6 +17,7 @@ from collections.abc import Iterable
 import serial
 
 from ori_deploy.actuators.bus import BusClosed
+from ori_deploy.actuators.claim import DeviceClaim, in_use
 
 HEADER = b"\xff\xff\xfd\x00"
 STATUS = 0x55
@@ -72,6 +73,7 @@ class BlockingPort:
         self.expected = 0
         self.heard = 0
         self._baud = baud
+        self._claim = DeviceClaim(path)
         self._serial: serial.Serial | None = None
         self._fd = -1
         self._poll = select.poll()
@@ -91,11 +93,14 @@ class BlockingPort:
         BusClosed
             It is not there, not a serial port, not permitted, or in use.
         """
+        self._claim.take()
         try:
             self._serial = serial.Serial(self.path, self._baud, timeout=0, exclusive=True)
         except serial.SerialException as wrong:
-            raise BusClosed(f"{self.path} cannot be opened: {_why(wrong)}") from wrong
+            self._claim.release()
+            raise BusClosed(f"{self.path} cannot be opened: {_why(wrong, self.path)}") from wrong
         except (ValueError, OSError, termios.error) as wrong:
+            self._claim.release()
             raise BusClosed(
                 f"{self.path} cannot be opened at {self._baud} baud: {wrong}; remedy: check the port and the rate"
             ) from wrong
@@ -111,6 +116,7 @@ class BlockingPort:
             self._serial.close()
             self._serial = None
             self._fd = -1
+        self._claim.release()
 
     @property
     def is_open(self) -> bool:
@@ -307,12 +313,12 @@ class BlockingPort:
         raise BusClosed(f"{self.path} is gone ({why}); remedy: plug it in, then connect") from cause
 
 
-def _why(wrong: serial.SerialException) -> str:
+def _why(wrong: serial.SerialException, path: str) -> str:
     text = str(wrong)
     if wrong.errno == errno.EACCES:
         return "permission denied; remedy: add yourself to the group dialout, then log in again"
     if wrong.errno == errno.ENOENT:
         return "no such device; remedy: plug the adapter in, or correct the port"
     if "lock" in text.lower() or wrong.errno in (errno.EAGAIN, errno.EBUSY):
-        return "another program has it; remedy: end that program"
+        return in_use(path)
     return f"{text}; remedy: check the port"

@@ -11,6 +11,7 @@ import time
 import serial
 
 from ori_deploy.actuators.bus import BusClosed
+from ori_deploy.actuators.claim import DeviceClaim, in_use
 
 WRITE_PATIENCE_S = 0.2
 """How long the driver may refuse bytes; a queue that long would be of no use any more."""
@@ -32,6 +33,7 @@ class SerialPort:
     def __init__(self, path: str, baud: int) -> None:
         self.path = path
         self._baud = baud
+        self._claim = DeviceClaim(path)
         self._serial: serial.Serial | None = None
         self._fd = -1
 
@@ -48,12 +50,14 @@ class SerialPort:
         BusClosed
             It is not there, not a serial port, not permitted, or in use.
         """
+        self._claim.take()
         try:
             self._serial = serial.Serial(self.path, self._baud, timeout=0, exclusive=True)
             self._fd = self._serial.fileno()
             _keep_dtr(self._fd)
         except serial.SerialException as wrong:
-            raise BusClosed(f"{self.path} cannot be opened: {_why(wrong)}") from wrong
+            self._claim.release()
+            raise BusClosed(f"{self.path} cannot be opened: {_why(wrong, self.path)}") from wrong
         except (ValueError, OSError, termios.error) as wrong:
             self.close()
             raise BusClosed(
@@ -66,6 +70,7 @@ class SerialPort:
             self._serial.close()
             self._serial = None
             self._fd = -1
+        self._claim.release()
 
     def check(self) -> None:
         """Raise `BusClosed` when the device is gone, without sending anything."""
@@ -130,12 +135,12 @@ def _keep_dtr(fd: int) -> None:
     termios.tcsetattr(fd, termios.TCSANOW, settings)
 
 
-def _why(wrong: serial.SerialException) -> str:
+def _why(wrong: serial.SerialException, path: str) -> str:
     text = str(wrong)
     if wrong.errno == errno.EACCES:
         return "permission denied; remedy: add yourself to the group dialout, then log in again"
     if wrong.errno == errno.ENOENT:
         return "no such device; remedy: plug the microcontroller in, or correct the port"
     if "lock" in text.lower() or wrong.errno in (errno.EAGAIN, errno.EBUSY):
-        return "another program has it; remedy: end that program"
+        return in_use(path)
     return f"{text}; remedy: check the port"

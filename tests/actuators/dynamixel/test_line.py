@@ -228,7 +228,7 @@ def test_opening_names_what_is_wrong(tmp_path: Path) -> None:
         BlockingPort(f"{tmp_path}/nothing", 1_000_000).open()
     with ScriptedPort(lambda _: b"") as scripted:
         second = BlockingPort(scripted.port.path, 1_000_000)
-        with pytest.raises(BusClosed, match="another program"):
+        with pytest.raises(BusClosed, match="this program has it already"):
             second.open()
 
 

@@ -55,7 +55,7 @@ def test_a_port_is_opened_once() -> None:
     with Pty(ScriptedDevice(config(wiring()))) as pty:
         first, second = SerialPort(pty.path, 500_000), SerialPort(pty.path, 500_000)
         first.open()
-        with pytest.raises(BusClosed, match="another program"):
+        with pytest.raises(BusClosed, match="this program has it already"):
             second.open()
         first.close()
         first.close()

@@ -1,0 +1,184 @@
+"""One program per serial device: a lock that says who holds it.
+
+The lock is a record lock of the kernel's on a file in the user's runtime folder. It ends with the process that
+took it, even by kill -9, a child made by fork does not inherit it, and the kernel tells the holder's pid. The
+port has a second lock on the device itself, which keeps out other users and other programs that lock devices.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import struct
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+from urllib.parse import quote
+
+from ori_deploy.actuators.bus import BusClosed
+from ori_deploy.errors import FileError
+from ori_deploy.runtime_dir import runtime_dir, runtime_dirs
+
+_FLOCK = "hhqqi"
+"""struct flock: type, whence, start, length, pid."""
+
+_LONGEST_WORDS = 200
+"""Of a command line, in an error that is one line itself."""
+
+_held: dict[str, str] = {}
+"""Devices that this process holds, by their resolved path: a record lock does not keep a process from itself."""
+
+
+def held_devices() -> tuple[str, ...]:
+    """Devices that this process holds, as they were named when it took them."""
+    return tuple(_held.values())
+
+
+class DeviceClaim:
+    """The right to use a serial device, for this process alone.
+
+    Parameters
+    ----------
+    path
+        Device, or a symbolic link to it.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._fd = -1
+        self._device = ""
+
+    def take(self) -> None:
+        """Take it, or keep it. A device that is not there is nobody's: opening it will say so.
+
+        Raises
+        ------
+        BusClosed
+            Another program has it, or there is no safe folder for the lock.
+        """
+        if self._fd >= 0 or not Path(self._path).exists():
+            return
+        device = os.path.realpath(self._path)
+        if device in _held:
+            raise BusClosed(
+                f"{self._path} cannot be opened: this program has it already (as {_held[device]}); "
+                "remedy: name another device"
+            )
+        fd = self._open_lock(device)
+        try:
+            fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as wrong:
+            os.close(fd)
+            raise BusClosed(f"{self._path} cannot be opened: {in_use(self._path)}") from wrong
+        os.ftruncate(fd, 0)
+        os.write(fd, f"{os.getpid()} {_own_words()}\n".encode())
+        self._fd, self._device = fd, device
+        _held[device] = self._path
+
+    def release(self) -> None:
+        """Give it back. Safe to call twice."""
+        if self._fd < 0:
+            return
+        # The file stays: who removes a file that another is about to lock lets two in.
+        os.close(self._fd)
+        self._fd = -1
+        _held.pop(self._device, None)
+
+    def __enter__(self) -> Self:
+        self.take()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def _open_lock(self, device: str) -> int:
+        try:
+            path = runtime_dir() / _lock_name(device)
+            return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        except (FileError, OSError) as wrong:
+            raise BusClosed(f"{self._path} cannot be locked for this program alone: {wrong}") from wrong
+
+
+def in_use(path: str) -> str:
+    """That another program has a device, which one, and what helps."""
+    pid, words = _holder(path)
+    if pid is None:
+        return "another program has it; remedy: end that program"
+    what = f"{pid}, {words}" if words else str(pid)
+    return f"another program has it (pid {what}); remedy: end that program, or wait for its end"
+
+
+def _holder(path: str) -> tuple[int | None, str]:
+    """Pid and command line of the program that has a device, as far as they can be known."""
+    name = _lock_name(os.path.realpath(path))
+    for folder in runtime_dirs(os.geteuid()):
+        pid = _lock_holder(folder / name)
+        if pid is not None:
+            return pid, _noted_words(folder / name, pid)
+    pid = _flock_holder(path)  # of another user, or of a program that is not ours
+    return pid, "" if pid is None else _words_of(pid)
+
+
+def _lock_holder(lock: Path) -> int | None:
+    """Who has a lock file, asked of the kernel."""
+    try:
+        fd = os.open(lock, os.O_RDWR | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
+        kind, _, _, _, pid = struct.unpack(_FLOCK, fcntl.fcntl(fd, fcntl.F_GETLK, asked))
+    except OSError:
+        return None
+    finally:
+        os.close(fd)
+    return int(pid) if kind != fcntl.F_UNLCK and pid > 0 else None
+
+
+def _flock_holder(path: str) -> int | None:
+    """Who has locked a device itself, where the kernel lists it."""
+    try:
+        found = Path(path).stat()
+        lines = Path("/proc/locks").read_text().splitlines()
+    except OSError:
+        return None
+    where = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}:{found.st_ino}"
+    for words in map(str.split, lines):
+        if len(words) > 5 and words[1] == "FLOCK" and words[5] == where and words[4].isdigit():
+            return int(words[4]) or None
+    return None
+
+
+def _noted_words(lock: Path, pid: int) -> str:
+    """The command line that the holder wrote down, unless it has not come to that yet."""
+    try:
+        number, _, words = lock.read_text(errors="replace").strip().partition(" ")
+    except OSError:
+        return ""
+    return words if number == str(pid) else _words_of(pid)
+
+
+def _words_of(pid: int) -> str:
+    try:
+        raw = Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return ""
+    return _one_line(raw.replace(b"\0", b" ").decode(errors="replace"))
+
+
+def _own_words() -> str:
+    """How this program was called, in one line."""
+    program = Path(sys.argv[0] or "python")
+    name = "ori-deploy" if program.parts[-3:] == ("ori_deploy", "cli", "__main__.py") else program.name
+    return _one_line(" ".join((name, *sys.argv[1:])))
+
+
+def _one_line(words: str) -> str:
+    return " ".join(words.split())[:_LONGEST_WORDS]
+
+
+def _lock_name(device: str) -> str:
+    return f"{quote(device, safe='')}.lock"
