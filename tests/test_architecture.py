@@ -23,6 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "actuators": {"wire", "runtime_dir"},
     "bench": {"actuators", "wire"},
     "deploy": {"motion", "actuators"},
+    "operate": {"motion", "actuators", "deploy", "runtime_dir"},
     "telemetry": {"motion", "actuators", "deploy"},
     "sweep": {"profiles", "layout", "design", "motion", "files", "search"},
     "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures"},

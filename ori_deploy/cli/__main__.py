@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from ori_deploy.cli.commands import main
+from ori_deploy.cli import main
 
 main(prog_name="ori-deploy")

@@ -21,6 +21,7 @@ from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, Commands, cons
 from ori_deploy.cli.layouts import layouts_command
 from ori_deploy.cli.limit import limit
 from ori_deploy.cli.mcu import mcu
+from ori_deploy.cli.operate import operator
 from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.session import Command, Place, carry_out
 from ori_deploy.cli.size import size
@@ -226,7 +227,12 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
     @click.argument("plan_file", metavar="PLAN", type=_IN)
     @click.option("--rig", type=_IN, required=True, help="Rig file the plan was made with.")
     @click.option("--log", type=_OUT, help="Flight log to write (MCAP).")
-    @click.option("--realtime", is_flag=True, help="Pace to the wall instead of the virtual clock.")
+    @click.option(
+        "--realtime",
+        is_flag=True,
+        help="Pace to the wall instead of the virtual clock. Other terminals can command a motion only with this, "
+        "or on hardware.",
+    )
     @click.option("--port", help="Device of the bus, instead of the one in the rig.")
     @click.option(
         "--stands",
@@ -267,7 +273,7 @@ def _motion_command(name: Command, text: str, ends: str) -> None:
             where = (
                 "brought to rest along its path" if results[-1].outcome is Outcome.STOPPED else "see the fault above"
             )
-            click.echo(f"interrupted: {where}", err=True)
+            click.echo(f"interrupted: {where}; asked for by {stopped}", err=True)
             sys.exit(EXIT_INTERRUPTED)
         if not results[-1].succeeded:
             click.echo(f"error: not {ends}", err=True)
@@ -321,3 +327,5 @@ main.add_command(figures)
 main.add_command(bus)
 main.add_command(mcu)
 main.add_command(doctor)
+for command in operator.commands.values():
+    main.add_command(command)

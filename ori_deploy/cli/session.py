@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from enum import StrEnum
 from itertools import count
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -19,6 +20,7 @@ from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import warn
 from ori_deploy.cli.live import Live
+from ori_deploy.cli.operating import Operator, operated
 from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
@@ -28,6 +30,7 @@ from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError, InputError, RigError
 from ori_deploy.files import digest, load_plan
 from ori_deploy.motion import Plan
+from ori_deploy.operate.desk import Session
 from ori_deploy.telemetry.log import LogWriter
 from sim_backends.mock import MockBus
 
@@ -113,6 +116,13 @@ def vouch_for(bus: ActuatorBus, rig: ResolvedRig, plan: Plan, stands: Place | No
     bus.vouch(shaft, rig.controller.start_tolerance_rad * np.abs(rig.shaft_per_crease))
 
 
+class StoppedBy(StrEnum):
+    """Who asked that a session comes to rest and ends."""
+
+    SIGNAL = "a signal"
+    OPERATOR = "an operator at another terminal"
+
+
 class StopRequest:
     """What SIGINT, SIGTERM and SIGHUP ask for: the structure comes to rest along its path.
 
@@ -154,8 +164,10 @@ def carry_out(
     port: str | None = None,
     stands: Place | None = None,
     mcu_port: str | None = None,
-) -> tuple[Plan, tuple[MotionResult, ...], bool]:
-    """Connect, arm, and carry commands out until one does not succeed or a signal comes.
+) -> tuple[Plan, tuple[MotionResult, ...], StoppedBy | None]:
+    """Connect, arm, and carry commands out until one does not succeed or somebody stops it.
+
+    In real time, other terminals can command it (`ori_deploy.operate`).
 
     Parameters
     ----------
@@ -178,7 +190,7 @@ def carry_out(
 
     Returns
     -------
-    The plan, a result per command that was begun, and whether a signal asked to stop.
+    The plan, a result per command that was begun, and who asked to stop, if anybody did.
 
     Raises
     ------
@@ -196,6 +208,7 @@ def carry_out(
     real = realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
     bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", port, stands, mcu_port)
+    session = Session(plan_path.absolute(), rig_path.absolute(), log_path and log_path.absolute())
     results: list[MotionResult] = []
     with StopRequest() as stop, Live(plan, rig) as live, _log(log_path, plan, rig, digest(plan_path)) as log:
         observers = (live,) if log is None else (log, live)
@@ -205,22 +218,29 @@ def carry_out(
             if not stop.requested:
                 vouch_for(bus, rig, plan, stands)
                 controller.arm()
-            for command in commands:
-                if stop.requested:
-                    break
-                live.begin(command)
-                if command == "deploy":
-                    controller.deploy(span_unfolded=span_unfolded)
-                else:
-                    controller.stow()
-                results.append(run_command(controller, stop))
-                _write_result(log, results[-1])
-                live.end(results[-1])
-                if not results[-1].succeeded:
-                    break
-                if command != commands[-1]:
-                    _dwell(controller, rig)
-    return plan, tuple(results), stop.requested
+            with operated(controller, plan, rig, bus, clock, session) if real else nullcontext() as operator:
+                for command in commands:
+                    if stop.requested:
+                        break
+                    live.begin(command)
+                    if command == "deploy":
+                        controller.deploy(span_unfolded=span_unfolded)
+                    else:
+                        controller.stow()
+                    results.append(run_command(controller, stop, operator))
+                    _write_result(log, results[-1])
+                    live.end(results[-1])
+                    if not results[-1].succeeded:
+                        break
+                    if command != commands[-1]:
+                        _dwell(controller, rig, operator)
+    return plan, tuple(results), _stopped_by(stop, operator)
+
+
+def _stopped_by(stop: StopRequest, operator: Operator | None) -> StoppedBy | None:
+    if operator is not None and operator.stopped_by is not None:
+        return StoppedBy.OPERATOR
+    return StoppedBy.SIGNAL if stop.requested else None
 
 
 def tell_advice(bus: ActuatorBus) -> None:
@@ -229,12 +249,17 @@ def tell_advice(bus: ActuatorBus) -> None:
         warn(text)
 
 
-def run_command(controller: Controller, stop: StopRequest) -> MotionResult:
-    """Step until the command has ended; a signal stops it along the path."""
-    while controller.under_way:
+def run_command(controller: Controller, stop: StopRequest, operator: Operator | None = None) -> MotionResult:
+    """Step until the command has ended; a signal stops it along the path, and so may an operator.
+
+    A command that is held has not ended while an operator can still resume it: hinges go on being told to hold.
+    """
+    while controller.under_way or (operator is not None and operator.keeps_waiting):
         # In every other state the controller is coming to rest by itself, and a stop would be out of place.
-        if stop.requested and controller.state in (State.MOVING, State.LATCHING):
+        if stop.requested and controller.state in (State.MOVING, State.LATCHING, State.HOLD):
             controller.stop()
+        if operator is not None:
+            operator.poll()
         controller.step()
     return controller.result()
 
@@ -248,9 +273,11 @@ def _write_result(log: LogWriter | None, result: MotionResult) -> None:
         warn(f"the result is not in the log: {wrong}")
 
 
-def _dwell(controller: Controller, rig: ResolvedRig) -> None:
+def _dwell(controller: Controller, rig: ResolvedRig, operator: Operator | None) -> None:
     """Hold for a while, watched: a person should see the deployed state, and so should the log."""
     for _ in range(int(_DWELL_S * rig.rate_hz)):
+        if operator is not None:
+            operator.poll()
         controller.step()
 
 

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from ori_deploy.cli import main, session
-from ori_deploy.cli.session import StopRequest, run_command
+from ori_deploy.cli.session import StoppedBy, StopRequest, run_command
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.states import State
 from tests.cli.inside import run
@@ -296,4 +296,4 @@ def test_a_signal_before_torque_leaves_it_off(made: Path, monkeypatch: pytest.Mo
     _, results, stopped = session.carry_out(
         made / "wing.plan.json", EXAMPLES / "rig_mock.toml", ("deploy",), None, realtime=False
     )
-    assert (results, stopped) == ((), True)
+    assert (results, stopped) == ((), StoppedBy.SIGNAL)

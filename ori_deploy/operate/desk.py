@@ -1,0 +1,195 @@
+"""The operator's desk: what is asked of a controller, and what it truthfully answers. No sockets here."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ori_deploy.actuators.bus import ActuatorBus
+from ori_deploy.actuators.claim import held_devices
+from ori_deploy.actuators.resolve import ResolvedRig
+from ori_deploy.deploy.result import CycleRecord, Fault
+from ori_deploy.deploy.states import Event, IllegalCommand, State, allowed_commands
+from ori_deploy.errors import OriDeployError
+from ori_deploy.motion.plan import Plan
+from ori_deploy.operate.due import DueGoals
+from ori_deploy.operate.messages import Answer, Do, LatchStatus, Request, Status
+
+_EVENTS = {
+    Event.HOLD: Do.PAUSE,
+    Event.RESUME: Do.RESUME,
+    Event.STOP: Do.STOP,
+    Event.EMERGENCY_STOP: Do.ESTOP,
+}
+"""The controller's names of what an operator may do."""
+
+
+class Operable(Protocol):
+    """What the desk needs of a controller."""
+
+    @property
+    def state(self) -> State:
+        """Its state."""
+
+    @property
+    def fault(self) -> Fault | None:
+        """Its latched fault."""
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything moves or is being worked on."""
+
+    def hold(self) -> None:
+        """Come to rest along the path and stay."""
+
+    def resume(self) -> None:
+        """Go on with what was held."""
+
+    def stop(self) -> None:
+        """Come to rest along the path and give the command up."""
+
+    def emergency_stop(self, who: str) -> None:
+        """Come to rest along the path at once, and latch that as a fault."""
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What is being carried out, from which files: absolute paths; no log is None."""
+
+    plan_path: Path
+    rig_path: Path
+    log_path: Path | None
+
+
+class Desk:
+    """Gives an operator's commands to a controller and tells how it is; an observer of its cycles.
+
+    Parameters
+    ----------
+    controller
+        Connected.
+    session
+        What the status names.
+    plan, rig, bus
+        What the controller was made with.
+    now
+        Seconds on the controller's clock.
+
+    Attributes
+    ----------
+    stopped_by
+        Who took the command back with `stop`, or None.
+    """
+
+    def __init__(
+        self, controller: Operable, session: Session, plan: Plan, rig: ResolvedRig, bus: ActuatorBus, now: float
+    ) -> None:
+        self._controller, self._session = controller, session
+        self._duration_s = float(plan.time_s[-1])
+        self._stows = frozenset(plan.stow_stages)
+        self._due = DueGoals(rig, bus)
+        self._began, self._now = now, now
+        self._last: CycleRecord | None = None
+        self._command: str | None = None
+        self._latches: tuple[LatchStatus, ...] = ()
+        self.stopped_by: str | None = None
+
+    def __call__(self, record: CycleRecord) -> None:
+        """Remember a cycle."""
+        self._last, self._now = record, record.time_s
+        self._due.note(record)
+        if record.stage is not None:
+            self._command = "stow" if record.stage in self._stows else "deploy"
+        if record.latches is not None:
+            self._latches = tuple(LatchStatus(one.id, one.engaged, one.confirmed) for one in record.latches)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves and nothing is being worked on."""
+        return not self._controller.under_way
+
+    def answer(self, request: Request, who: str) -> Answer:
+        """Do what is asked, and say what became of it.
+
+        Parameters
+        ----------
+        request
+            What.
+        who
+            Whom an emergency stop names in the fault.
+        """
+        if request.do is Do.STATUS:
+            return self.told(self._status())
+        try:
+            self._carry_out(request.do, who)
+        except IllegalCommand as refused:
+            reason = str(refused).removeprefix(f"{refused.command}: ").partition("; allowed in ")[0]
+            return self._refused(reason)
+        except OriDeployError as failed:
+            return self._refused(str(failed))
+        return self.told()
+
+    def told(self, status: Status | None = None) -> Answer:
+        """That it was taken, and how things are now."""
+        return Answer(True, self._controller.state, self.at_rest, fault=self._fault(), status=status)
+
+    def _carry_out(self, do: Do, who: str) -> None:
+        if do is Do.PAUSE:
+            self._controller.hold()
+        elif do is Do.RESUME:
+            self._controller.resume()
+        elif do is Do.STOP:
+            self._controller.stop()
+            self.stopped_by = who
+        elif do is Do.ESTOP:
+            self._controller.emergency_stop(who)
+
+    def _refused(self, why: str) -> Answer:
+        state = self._controller.state
+        allowed = tuple(_EVENTS[event] for event in allowed_commands(state) if event in _EVENTS)
+        return Answer(False, state, self.at_rest, why, (Do.STATUS, *allowed), self._fault())
+
+    def _fault(self) -> str | None:
+        return None if self._controller.fault is None else str(self._controller.fault)
+
+    def _status(self) -> Status:
+        last, session = self._last, self._session
+        fold = rate = progress = remaining = None
+        if last is not None and math.isfinite(last.commanded_fold):
+            fold, rate = round(last.commanded_fold, 6), round(last.rate, 6)
+            progress, remaining = self._progress(last.path_time_s)
+        return Status(
+            pid=os.getpid(),
+            plan=str(session.plan_path),
+            rig=str(session.rig_path),
+            log=None if session.log_path is None else str(session.log_path),
+            ports=held_devices(),
+            uptime_s=round(self._now - self._began, 3),
+            state=self._controller.state,
+            stage=None if last is None else last.stage,
+            command=self._command,
+            at_rest=self.at_rest,
+            fold=fold,
+            rate=rate,
+            progress_percent=progress,
+            remaining_s=remaining,
+            fault=self._fault(),
+            worst_tracking_rad=round(self._due.worst_rad, 6),
+            worst_tracking_hinge=self._due.worst_hinge,
+            lost_replies=0 if last is None else last.lost_replies,
+            overruns=0 if last is None else last.overruns,
+            cycles=0 if last is None else last.index + 1,
+            latches=self._latches,
+        )
+
+    def _progress(self, path_time_s: float) -> tuple[float | None, float | None]:
+        """Percent of the path's time that is done, and seconds of it that are left."""
+        if self._command is None or not np.isfinite(path_time_s):
+            return None, None
+        done = path_time_s if self._command == "deploy" else self._duration_s - path_time_s
+        return round(100.0 * done / self._duration_s, 2), round(max(self._duration_s - done, 0.0), 3)

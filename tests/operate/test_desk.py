@@ -1,0 +1,123 @@
+"""What the desk says is what the controller says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ori_deploy.deploy.states import State
+from ori_deploy.operate.desk import Desk
+from ori_deploy.operate.due import DueGoals
+from ori_deploy.operate.messages import Do, Request, Status
+from tests.deploy.synthetic import Bench, bench
+from tests.operate.served import SESSION
+
+
+def desk_of(b: Bench) -> Desk:
+    desk = Desk(b.controller, SESSION, b.plan, b.rig, b.bus, b.clock.now())
+    b.controller.add_observer(desk)
+    return desk
+
+
+def status(desk: Desk) -> Status:
+    told = desk.answer(Request(Do.STATUS), "somebody").status
+    assert told is not None
+    return told
+
+
+def test_before_the_first_cycle_nothing_is_made_up() -> None:
+    now = status(desk_of(bench()))
+    assert (now.state, now.cycles, now.stage, now.command) == (State.ARMED, 0, None, None)
+    assert now.fold is now.rate is now.progress_percent is now.remaining_s is None
+    assert now.latches == ()
+    assert now.plan == str(Path("/somewhere/wing.plan.json"))
+
+
+def test_a_deployment_is_told_as_it_is() -> None:
+    b = bench()
+    desk = desk_of(b)
+    b.controller.deploy()
+    record = b.step_until_fold(0.5)
+    now = status(desk)
+    assert (now.state, now.stage, now.command, now.at_rest) == (State.MOVING, "open", "deploy", False)
+    assert now.fold == pytest.approx(record.commanded_fold, abs=1e-6)
+    assert now.rate == pytest.approx(record.rate, abs=1e-6)
+    assert now.remaining_s == pytest.approx(2.0 - record.path_time_s, abs=1e-3)
+    assert now.progress_percent == pytest.approx(50.0 * record.path_time_s, abs=0.01)
+    assert now.uptime_s == pytest.approx(record.time_s - 100.0, abs=1e-3)
+    result = b.controller.run()
+    now = status(desk)
+    assert (now.state, now.progress_percent, now.remaining_s, now.at_rest) == (State.DEPLOYED, 100.0, 0.0, True)
+    assert now.command == "deploy"
+    assert [latch.confirmed for latch in now.latches] == [True, True]
+    # The monitor compares with the goal that was due as well; it looks at alignment a little differently.
+    assert now.worst_tracking_rad == pytest.approx(result.worst_tracking_rad, rel=0.05)
+    assert now.worst_tracking_hinge in b.bus.hinge_ids
+
+
+def test_progress_of_a_stow_counts_backwards() -> None:
+    b = bench(start="deployed")
+    desk = desk_of(b)
+    b.controller.stow()
+    record = b.step_until_fold(0.9)
+    now = status(desk)
+    assert now.command == "stow"
+    assert now.remaining_s == pytest.approx(record.path_time_s, abs=1e-3)
+    assert now.progress_percent is not None
+    assert now.progress_percent < 50.0
+
+
+def test_a_fault_is_told_with_its_remedy() -> None:
+    b = bench()
+    desk = desk_of(b)
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    answer = desk.answer(Request(Do.ESTOP), "the test")
+    assert answer.took
+    assert answer.state is State.FAULT
+    assert answer.fault is not None
+    assert "pressed by the test" in answer.fault
+    assert "remedy: " in answer.fault
+    b.step_to_rest()
+    assert status(desk).fault == answer.fault
+    refused = desk.answer(Request(Do.RESUME), "the test")
+    assert not refused.took
+    assert refused.allowed == (Do.STATUS, Do.ESTOP)
+    assert refused.fault == answer.fault
+
+
+def test_stop_is_remembered_and_only_when_it_was_taken() -> None:
+    b = bench()
+    desk = desk_of(b)
+    assert not desk.answer(Request(Do.STOP), "too early").took
+    assert desk.stopped_by is None
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    assert desk.answer(Request(Do.STOP), "the test").state is State.STOPPING
+    assert desk.stopped_by == "the test"
+
+
+def test_behind_a_queue_it_is_the_goal_that_is_due_that_counts() -> None:
+    """A hinge that does exactly what it is told, 0.3 s later, is never off."""
+    b = bench()
+    b.controller.deploy()
+    b.steps(2)
+    delay = 0.3
+    queued: Any = SimpleNamespace(delay_s=delay, due_s=lambda now: now + delay, hinge_ids=b.bus.hinge_ids)
+    exact, late = DueGoals(b.rig, queued), DueGoals(b.rig, queued)
+    record, n = b.records[-1], len(b.bus.hinge_ids)
+    for k in range(200):
+        now = 100.0 + 0.01 * k
+        for due, behind in ((exact, delay), (late, delay + 0.1)):
+            at = np.full(n, math.sin(now - behind))
+            readings = replace(record.readings, position_rad=at)
+            due.note(replace(record, time_s=now, commanded_rad=np.full(n, math.sin(now)), readings=readings))
+    gear = 4.0
+    assert exact.worst_rad < 1e-4
+    assert late.worst_rad == pytest.approx(0.1 / gear, rel=0.1)
