@@ -62,14 +62,17 @@ class Checks:
             self._weigh(self._monitor.judge_health(health, holding, now), now)
         return health
 
-    def latches_if_due(self, state: State, now: float) -> Latches | None:
-        """Latches, every cycle while they are worked on and as often as the health otherwise."""
+    def latches_if_due(self, state: State, in_step: bool, now: float) -> Latches | None:
+        """Latches, every cycle while they are worked on and as often as the health otherwise.
+
+        While cells are out of step, `in_step` false, any latch may say anything.
+        """
         if now >= self._due:
             self._due = now + self._settings.health_period_s - self._early_s
         elif state is not State.LATCHING:
             return None
         latches = self._link.read_latches(now)
-        if latches is not None:
+        if latches is not None and in_step:
             self._trip(self._monitor.judge_latches(state, latches, now))
         return latches
 

@@ -15,23 +15,30 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import ActuatorBus
+from ori_deploy.actuators.bus import ActuatorBus, HingeReadings
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.clock import Clock
+from ori_deploy.deploy.agreement import check_agreement
 from ori_deploy.deploy.cycle import Cycle
 from ori_deploy.deploy.errand import Counts
+from ori_deploy.deploy.journal import Journal
 from ori_deploy.deploy.localise import locate
 from ori_deploy.deploy.observers import Observer
 from ori_deploy.deploy.result import Fault, FaultKind, MotionResult, StartRefused
 from ori_deploy.deploy.span import require_unfolded
-from ori_deploy.deploy.states import IN_MOTION, Action, Event, Guard, State
+from ori_deploy.deploy.states import IN_MOTION, Action, Event, Guard, IllegalCommand, State
 from ori_deploy.deploy.stopping import stop_ramp
+from ori_deploy.deploy.way import Way
 from ori_deploy.errors import InputError
 from ori_deploy.motion.plan import Plan
+from ori_deploy.motion.recovery import Recovery
 
 FloatArray = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
+
+WAY_TOLERANCE = 0.01
+"""Fold by which cells may stand off the beginning of a checked way."""
 
 
 class Controller(Cycle):
@@ -53,6 +60,8 @@ class Controller(Cycle):
     observers
         Called with the record of every cycle, in order. One that raises is not called again; the motion
         goes on, and the result tells.
+    journal
+        Where word is left before each stage; what is there at the start has to agree with what is measured.
 
     Raises
     ------
@@ -67,9 +76,12 @@ class Controller(Cycle):
         bus: ActuatorBus,
         clock: Clock,
         observers: Sequence[Observer] = (),
+        journal: Journal | None = None,
     ) -> None:
-        super().__init__(plan, rig, bus, clock, observers)
+        super().__init__(plan, rig, bus, clock, observers, journal)
         self._pressed_by = ""
+        self._recovery: Recovery | None = None
+        self._left_word = None if journal is None else journal.last
         self._guards |= {
             Guard.AT_REST: lambda _: None if self._at_rest else "still slowing down",
             Guard.OTHER_WAY: lambda event: f"already under way to {event}" if self._errand.command is event else None,
@@ -81,6 +93,7 @@ class Controller(Cycle):
             Action.TORQUE_ON: self._torque_on,
             Action.TORQUE_OFF: self._torque_off,
             Action.BEGIN: self._begin,
+            Action.FOLLOW: self._follow,
             Action.TURN: self._turn,
             Action.GO_ON: self._go_on,
             Action.RELAX_MAGNETS: self._relax_magnets,
@@ -125,6 +138,18 @@ class Controller(Cycle):
     def stow(self) -> None:
         """Begin to stow, as `deploy`."""
         self._do(Event.STOW)
+
+    def recover(self, recovery: Recovery) -> None:
+        """Begin to bring cells that are out of step back onto the path, along a way that was checked.
+
+        Ends in ARMED. Raises `StartRefused` when the cells do not stand where the way begins.
+        """
+        self._recovery = recovery
+        self._do(Event.RECOVER)
+
+    def trust_measured(self) -> None:
+        """Somebody looked: the structure stands as measured, whatever the journal says. Moves nothing."""
+        self._left_word = None
 
     def hold(self) -> None:
         """Come to rest along the path and stay."""
@@ -229,24 +254,59 @@ class Controller(Cycle):
     def _begin(self, command: Event) -> None:
         """Start a command from the measured place; every hinge has to say where it is, and be fit."""
         now = self._clock.now()
+        readings, folds = self._fit_to_move(now)
+        place = locate(readings.position_rad, folds, self._tracking.allowed(folds), self._table, self._rig)
+        self._motion.go(place, -1.0 if command is Event.STOW else 1.0)
+        self._way = None
+        self._set_out(command, folds, now)
+
+    def _follow(self, command: Event) -> None:
+        """Start on a checked way; it has to begin where the cells are measured."""
+        now = self._clock.now()
+        _, folds = self._fit_to_move(now)
+        if self._recovery is None:
+            raise ValueError("no way to follow")
+        away = np.abs(np.clip(folds, 0.0, 1.0) - self._recovery.fold[0])
+        worst = int(np.argmax(away))
+        if not away[worst] <= WAY_TOLERANCE:
+            raise StartRefused(
+                f"cell {self._rig.cell_ids[worst]} is not where the way begins",
+                value=f"fold {folds[worst]:.4f} against {self._recovery.fold[0, worst]:.4f}",
+                limit=f"{WAY_TOLERANCE:g}",
+                remedy="it has moved since; look for a way again",
+            )
+        self._way = Way(self._recovery, self._motion.goal, self._plan, self._rig, self._motion.gentle)
+        self._motion.follow(self._way)
+        self._set_out(command, folds, now)
+
+    def _fit_to_move(self, now: float) -> tuple[HingeReadings, FloatArray]:
+        """Readings of every hinge and the folds they mean, once every actuator is fit to move."""
         readings = self._link.fresh_readings(self._attempts)
         unfit = self._monitor.judge_health(self._link.fresh_health(self._attempts), True, now)
         if unfit is not None:
             raise StartRefused(f"{unfit.thing}: {unfit.detail}", remedy=unfit.remedy)
         folds = self._localiser.folds(readings.position_rad)
-        place = locate(readings.position_rad, folds, self._tracking.allowed(folds), self._table, self._rig)
-        self._motion.go(place, -1.0 if command is Event.STOW else 1.0)
+        if self._left_word is not None:
+            check_agreement(self._left_word, folds, self._plan, self._table, self._rig)
+        return readings, folds
+
+    def _set_out(self, command: Event, folds: FloatArray, now: float) -> None:
         self._monitor.restart()
         self._monitor.seed(folds)
         self._errand.begin(command, now, self._counts(now))
+        self._left_word = None  # from here on it is ours
+        self._note(self._errand.state)
 
     def _turn(self, command: Event) -> State:
         """From where the motion is, the other way; or on, when it was held."""
         if self._errand.command is command:
             return self._go_on(command)
+        if self._errand.recovering:
+            raise IllegalCommand(self.state, command, "cells are being brought into step; stop that first")
         now = self._clock.now()
         self._errand.turn(command, now, self._counts(now))
         self._motion.turn(self._errand.direction)
+        self._note(self._errand.state)
         return self._errand.state
 
     def _go_on(self, _: Event) -> State:

@@ -14,6 +14,7 @@ from ori_deploy.clock import Clock
 from ori_deploy.deploy.checks import Checks
 from ori_deploy.deploy.errand import Errand
 from ori_deploy.deploy.fit import check_fit
+from ori_deploy.deploy.journal import Entry, Journal
 from ori_deploy.deploy.latching import Latches
 from ori_deploy.deploy.link import Link
 from ori_deploy.deploy.localise import Localiser
@@ -27,6 +28,7 @@ from ori_deploy.deploy.stage_work import StageWork
 from ori_deploy.deploy.states import Action, Event, Guard, IllegalCommand, Machine, State
 from ori_deploy.deploy.stopping import stop_ramp
 from ori_deploy.deploy.tracking import Tracking
+from ori_deploy.deploy.way import Way
 from ori_deploy.motion.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -47,6 +49,7 @@ class Cycle:
         bus: ActuatorBus,
         clock: Clock,
         observers: Sequence[Observer] = (),
+        journal: Journal | None = None,
     ) -> None:
         check_fit(plan, rig, bus)
         self._plan, self._rig, self._clock = plan, rig, clock
@@ -62,6 +65,8 @@ class Cycle:
         self._machine = Machine()
         self._fault: Fault | None = None
         self._observers = Observers(observers)
+        self._journal = journal
+        self._journal_due = False  # what is about to be done has to be on the disk first
 
         self._errand = Errand()
         self._stage_work = StageWork(self._errand, rig, self._link, self._monitor, self._trip)
@@ -69,6 +74,7 @@ class Cycle:
             self._link, self._monitor, self._settings, self._pacer.period_s, self._trip, self._pause
         )
         self._speed = 1.0
+        self._way: Way | None = None  # that is being followed, when cells are brought into step
         self._stop_ramp = self._motion.gentle
         self._cycles = 0
         self._was_under_way = False  # at the end of the last cycle
@@ -110,7 +116,7 @@ class Cycle:
             raise IllegalCommand(self.state, "result", "no command has ended")
         return MotionResult(
             command=str(command),
-            outcome=outcome(self.state, self._fault),
+            outcome=outcome(self.state, self._fault, done=self._errand.stage is None),
             state=self.state,
             fault=self._fault,
             duration_s=self._clock.now() - since.time_s,
@@ -134,7 +140,7 @@ class Cycle:
         folds = self._localiser.folds(readings.position_rad)
         self._judge(readings, folds, now)
         health = self._checks.health_if_due(bool(readings.alert.any()), self._holding, now)
-        latches = self._checks.latches_if_due(self.state, now)
+        latches = self._checks.latches_if_due(self.state, not self._errand.recovering, now)
         self._send(now)
         health = self._finish_stage(readings, health, latches, now)
         record = self._record(now, deadline, readings, folds, health, latches)
@@ -158,7 +164,7 @@ class Cycle:
         elif self._fault is not None:
             self._motion.advance(0.0, self._stop_ramp)
         else:
-            going = self.state is State.MOVING
+            going = self.state is State.MOVING and self._written()
             self._motion.advance(min(self._speed, self._tracking.rate_limit) if going else 0.0)
         if self._following:
             self._link.command_hinges(self._motion.goal, self._motion.velocity, now)
@@ -173,11 +179,16 @@ class Cycle:
         """
         if self.state is State.STOPPING and self._at_rest:
             self._fire(Event.AT_REST)
+            self._note(State.ARMED)
+        elif self.state is State.MOVING and self._errand.recovering:
+            if self._motion.followed and self._stage_work.settled(readings, self._motion.goal, now):
+                self._do(Event.RECOVERED)
         elif self.state is State.MOVING and self._motion.arrived:
             self._do(Event.ARRIVED)
         elif (
             self.state is State.LATCHING
             and latches is not None
+            and self._written()
             and self._stage_work.done(readings, latches, self._motion.goal, now)
         ):
             return self._secure(health, latches, now)
@@ -279,5 +290,46 @@ class Cycle:
             now = self._clock.now()
             self._tracking.cut(now, self._link.brake(now))
 
-    def _next_stage(self, _: Event) -> None:
+    def _next_stage(self, event: Event) -> None:
         self._errand.next_stage(self._clock.now())
+        ended = {Event.DEPLOYMENT_SECURED: State.DEPLOYED, Event.STOWAGE_SECURED: State.STOWED}
+        self._note(ended.get(event, self._errand.state))
+
+    # -- the journal ---------------------------------------------------------------------------------
+
+    def _note(self, state: State) -> None:
+        """Leave word of what is about to be done; nothing is, before that is on the disk."""
+        if self._journal is None:
+            return
+        begin, end = self._range()
+        entry = Entry(
+            command=str(self._errand.command or ""),
+            stage=self._errand.stage or "",
+            state=str(state),
+            from_fold=begin,
+            to_fold=end,
+            design_sha256=self._plan.design_sha256,
+            rig_sha256=self._rig.sha256,
+        )
+        self._journal.post(entry)
+        self._journal_due = True
+
+    def _range(self) -> tuple[float, float]:
+        """Folds between which the cells will be during the stage."""
+        if self._motion.placed:
+            # What turns round goes on a little before it comes back.
+            rest_s = self._motion.path_time_s + self._motion.rate * self._motion.gentle.longest_s
+            return self._errand.folds(self._table.fold_at(rest_s))
+        folds = self._monitor.folds if self._way is None else self._way.corners
+        return float(folds.min()), float(folds.max())
+
+    def _written(self) -> bool:
+        """Whether the journal has it; a disk that fails is told, and does not strand the structure half-way."""
+        if self._journal is None or not self._journal_due:
+            return True
+        if not self._journal.settled():
+            return False
+        self._journal_due = False
+        if self._journal.failure is not None:
+            self._observers.note(f"journal: {self._journal.failure}")
+        return True

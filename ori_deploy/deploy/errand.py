@@ -12,8 +12,10 @@ from ori_deploy.deploy.latching import LatchWork
 from ori_deploy.deploy.states import Event, State
 from ori_deploy.motion.plan import DEPLOY_STAGES, STOW_STAGES, StageName
 
+RECOVER_STAGES: tuple[StageName, ...] = ("free", "recover")
+
 STAGES: Mapping[Event, tuple[StageName, ...]] = MappingProxyType(
-    {Event.DEPLOY: DEPLOY_STAGES, Event.STOW: STOW_STAGES}
+    {Event.DEPLOY: DEPLOY_STAGES, Event.STOW: STOW_STAGES, Event.RECOVER: RECOVER_STAGES}
 )
 
 _TURNED: Mapping[StageName, StageName] = MappingProxyType(
@@ -28,7 +30,7 @@ _TURNED: Mapping[StageName, StageName] = MappingProxyType(
 )
 """Where the other command takes over from each stage: what may still be latched is opened first."""
 
-_MOVES = frozenset({"open", "close"})
+_MOVES = frozenset({"open", "close", "recover"})
 _CLOSES = frozenset({"latch", "lock"})
 
 _ENDINGS: Mapping[StageName, Event] = MappingProxyType(
@@ -52,7 +54,7 @@ class Errand:
     Attributes
     ----------
     command
-        DEPLOY, STOW, or None when nothing was commanded since arming.
+        DEPLOY, STOW, RECOVER, or None when nothing was commanded since arming.
     stage
         Which stage of it; None when there is none left, or nothing to do.
     started_s
@@ -77,9 +79,10 @@ class Errand:
 
     def turn(self, command: Event, now: float, since: Counts) -> None:
         """Give the present command up for the other one, from the stage that takes over."""
-        if self.stage is None:
-            raise ValueError(f"{command} cannot take over from a command that has no stage left")
-        self.command, self.stage, self.since = command, _TURNED[self.stage], since
+        taken_over = None if self.stage is None else _TURNED.get(self.stage)
+        if taken_over is None:
+            raise ValueError(f"{command} cannot take over from stage {self.stage}")
+        self.command, self.stage, self.since = command, taken_over, since
         self.restart_clock(now)
 
     def drop(self) -> None:
@@ -103,6 +106,17 @@ class Errand:
         """1 towards fold 1, -1 towards fold 0."""
         return -1.0 if self.command is Event.STOW else 1.0
 
+    def folds(self, fold: float) -> tuple[float, float]:
+        """Folds between which this stage goes, from where the motion is: the journal's range."""
+        if self.stage in ("open", "close"):
+            return fold, 1.0 if self.stage == "open" else 0.0
+        return fold, fold
+
+    @property
+    def recovering(self) -> bool:
+        """Whether cells are being brought into step."""
+        return self.stage in RECOVER_STAGES
+
     @property
     def closing(self) -> bool:
         """Whether latches are being closed."""
@@ -121,6 +135,8 @@ class Errand:
     def latches(self, rig: ResolvedRig) -> tuple[tuple[Latch, ...], tuple[Latch, ...]]:
         """Latches to work on in this stage, and those of the other end that have to be open."""
         here, others = rig.latches, rig.stow_locks
+        if self.stage == "free":
+            return here + others, ()
         if self.stage in ("unlock", "lock"):
             here, others = others, here
         return here, () if self.closing else others

@@ -14,6 +14,7 @@ from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.path_variable import PathVariable, Ramp
 from ori_deploy.deploy.queued import Place
 from ori_deploy.deploy.result import StartRefused
+from ori_deploy.deploy.way import Way
 
 FloatArray = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ class Motion:
         self._period_s = 1.0 / rig.rate_hz
         self.gentle = gentle_ramp(table, rig)
         self._path = PathVariable(0.0, 0.0, table.duration_s)
-        self._approach: Approach | None = None
+        self._approach: Approach | Way | None = None
         self._placed = False
         self.goal = np.full(len(rig.hinges), np.nan)
         self.direction = 1.0
@@ -130,6 +131,21 @@ class Motion:
         self._approach = Approach(self.goal, self._table.shaft_at(place_s), self._rig, self.gentle)
         self._placed = True
         self.direction = direction
+
+    def follow(self, way: Way) -> None:
+        """Along a checked way that brings cells into step; where on the path it ends is found out by measuring."""
+        self._approach, self._placed = way, False
+        self.direction = 1.0
+
+    @property
+    def placed(self) -> bool:
+        """Whether the place on the path is known, and all cells belong there."""
+        return self._placed
+
+    @property
+    def followed(self) -> bool:
+        """Whether a way was followed to its end."""
+        return not self._placed and self._approach is None
 
     @property
     def holding(self) -> bool:

@@ -19,15 +19,22 @@ log = logging.getLogger(__name__)
 class Observers:
     """Calls observers in order; one that raises is not called again.
 
-    Attributes
-    ----------
-    errors
-        What they raised.
+    What goes wrong in one that can go on, it tells in an attribute `problems`: a row of texts.
     """
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers = list(observers)
-        self.errors: list[str] = []
+        self._errors: list[str] = []
+
+    @property
+    def errors(self) -> list[str]:
+        """What they raised, and what those tell that go on."""
+        told = [str(problem) for one in self._observers for problem in getattr(one, "problems", ())]
+        return self._errors + told
+
+    def note(self, problem: str) -> None:
+        """What went wrong beside the motion, and is to be told with its result."""
+        self._errors.append(problem)
 
     def add(self, observer: Observer) -> None:
         """Call it from now on."""
@@ -42,7 +49,7 @@ class Observers:
             except Exception as error:  # noqa: BLE001  a full disk must not stop a structure half-way
                 log.error("observer %r failed in cycle %d: %r", observer, record.index, error)
                 self._observers.remove(observer)
-                self.errors.append(f"{type(error).__name__}: {error}")
+                self._errors.append(f"{type(error).__name__}: {error}")
 
 
 def _sealed(record: CycleRecord) -> CycleRecord:

@@ -212,8 +212,10 @@ _BY_FAULT: Mapping[FaultKind, Outcome] = MappingProxyType(
 )
 
 
-def outcome(state: State, fault: Fault | None) -> Outcome:
-    """How a command ended that ended in this state, one of `ENDED`, with this fault."""
+def outcome(state: State, fault: Fault | None, *, done: bool) -> Outcome:
+    """How a command ended that ended in this state, one of `ENDED`, with this fault, all its stages done or not."""
     if state is State.FAULT and fault is not None:
         return _BY_FAULT.get(fault.kind, Outcome.ABORTED)
+    if state is State.ARMED and done:
+        return Outcome.SUCCEEDED  # cells are in step again
     return ENDED[state]

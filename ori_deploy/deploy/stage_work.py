@@ -44,7 +44,7 @@ class StageWork:
             For patience that ends in a fault.
         """
         errand = self._errand
-        settled = not errand.closing or self._settled(readings, goal_rad, now)
+        settled = not errand.closing or self.settled(readings, goal_rad, now)
         if errand.work is None:
             if settled:
                 here, others = errand.latches(self._rig)
@@ -56,8 +56,8 @@ class StageWork:
             return False
         return settled
 
-    def _settled(self, readings: HingeReadings, goal_rad: FloatArray, now: float) -> bool:
-        """Whether every crease is measured at the end of the path; a fault when it is not for too long."""
+    def settled(self, readings: HingeReadings, goal_rad: FloatArray, now: float) -> bool:
+        """Whether every crease is measured where it was to go; a fault when it is not for too long."""
         if self._monitor.at_goal(readings, goal_rad):
             self._errand.started_s = now
             return True

@@ -46,6 +46,7 @@ class Event(StrEnum):
     DISARM = auto()
     DEPLOY = auto()
     STOW = auto()
+    RECOVER = auto()
     HOLD = auto()
     RESUME = auto()
     STOP = auto()
@@ -53,6 +54,7 @@ class Event(StrEnum):
     CLEAR_FAULT = auto()
 
     CONCERN = auto()
+    RECOVERED = auto()
     RELEASED = auto()
     ARRIVED = auto()
     DEPLOYMENT_SECURED = auto()
@@ -68,6 +70,7 @@ COMMANDS: tuple[Event, ...] = (
     Event.DISARM,
     Event.DEPLOY,
     Event.STOW,
+    Event.RECOVER,
     Event.HOLD,
     Event.RESUME,
     Event.STOP,
@@ -92,6 +95,7 @@ class Action(StrEnum):
     TORQUE_ON = "hold where measured"
     TORQUE_OFF = "go limp"
     BEGIN = "start from the measured place"
+    FOLLOW = "follow the checked way"
     TURN = "turn round on the path"
     GO_ON = "go on with the stage"
     RELAX_MAGNETS = "let electromagnets go"
@@ -135,6 +139,8 @@ def _rules() -> Iterable[Rule]:
         yield Rule(source, _E.DEPLOY, (_S.LATCHING,), action=_A.BEGIN)
     for source in (_S.ARMED, _S.DEPLOYED):
         yield Rule(source, _E.STOW, (_S.LATCHING,), action=_A.BEGIN)
+    yield Rule(_S.ARMED, _E.RECOVER, (_S.LATCHING,), action=_A.FOLLOW)
+    yield Rule(_S.MOVING, _E.RECOVERED, (_S.ARMED,), action=_A.NEXT_STAGE)
     for source in (_S.MOVING, _S.LATCHING, _S.HOLD):
         for command in (_E.DEPLOY, _E.STOW):
             guard = _G.NO_CONCERN if source is _S.HOLD else _G.OTHER_WAY

@@ -78,7 +78,7 @@ class Tracking:
         due, cells = self._queued.due(now), self._monitor.folds
         trip(self._monitor.judge_tracking(readings, due.goal_rad, now))
         self.rate_limit = 1.0
-        if state not in IN_MOTION:
+        if state not in IN_MOTION or not self._motion.placed:  # cells on their way into step are out of it
             return
         limit, motion = 1.0, self._motion
         if state is State.MOVING and motion.on_path:
