@@ -65,6 +65,7 @@ _PathTolerance = Annotated[Positive, at_most(MAX_PATH_TOLERANCE_RAD, "a stalled 
 _StartTolerance = Annotated[Positive, at_most(0.5, "farther off, cells are not on the path")]
 _ReadingAge = Annotated[Positive, at_most(1.0, "older readings say nothing of where cells are")]
 _LostReplies = Annotated[Count, at_most(20, "a silent hinge would be driven blind for too long")]
+_Overruns = Annotated[Count, at_most(1000, "a loop that is always late sees every fault late")]
 _HoldRamp = Annotated[Positive, at_most(2.0, "after a fault the structure has to come to rest soon")]
 _AlignVelocity = Annotated[Positive, at_most(1.0, "cells are brought into step slowly, they may touch")]
 _Temperature = Annotated[Finite, at_most(120.0, "no servo survives more")]
@@ -226,6 +227,8 @@ class ControllerSettings:
         An older reading counts as lost.
     lost_replies_allowed
         Replies in a row that a hinge or latch may lose without effect.
+    overruns_allowed
+        Cycles in a row that may be late by a whole one while anything moves; one more is a fault.
     hold_ramp_s
         Time from full rate to rest along the path; longer where an actuator's acceleration demands it.
     align_velocity_rad_s
@@ -246,6 +249,7 @@ class ControllerSettings:
     settle_timeout_s: _Patience = 2.0
     max_reading_age_s: _ReadingAge = 0.05
     lost_replies_allowed: _LostReplies = 2
+    overruns_allowed: _Overruns = 25
     hold_ramp_s: _HoldRamp = 0.25
     align_velocity_rad_s: _AlignVelocity = 0.1
     max_temperature_c: _Temperature = 70.0
@@ -282,6 +286,9 @@ class MockSettings:
         Steady torque that the structure asks of every servo.
     supply_v, supply_ohm, ambient_c
         Supply without load, its inner resistance, and the surroundings.
+    plant, loads
+        Design file that the servos drive as rigid panels in MuJoCo, instead of `load_nm` each, and loads
+        file with its weights; paths from the rig file. What latches hold is then held there, too.
     """
 
     seed: Count = 1
@@ -293,6 +300,14 @@ class MockSettings:
     supply_v: Positive = 12.0
     supply_ohm: NonNegative = 0.05
     ambient_c: Finite = 23.0
+    plant: Name | None = None
+    loads: Name | None = None
+
+    @model_validator(mode="after")
+    def _loads_belong_to_a_plant(self) -> MockSettings:
+        if self.loads is not None and self.plant is None:
+            raise ValueError("loads goes with plant: name the design file that is loaded so")
+        return self
 
 
 @dataclass(frozen=True, config=STRICT, kw_only=True)

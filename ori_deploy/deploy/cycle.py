@@ -23,7 +23,7 @@ from ori_deploy.deploy.motion import Motion
 from ori_deploy.deploy.observers import Observer, Observers
 from ori_deploy.deploy.pacer import Pacer
 from ori_deploy.deploy.path import PathTable
-from ori_deploy.deploy.result import ENDED, CycleRecord, Fault, MotionResult, outcome
+from ori_deploy.deploy.result import ENDED, CycleRecord, Fault, FaultKind, MotionResult, outcome
 from ori_deploy.deploy.stage_work import StageWork
 from ori_deploy.deploy.states import Action, Event, Guard, IllegalCommand, Machine, State
 from ori_deploy.deploy.stopping import stop_ramp
@@ -136,6 +136,7 @@ class Cycle:
             raise IllegalCommand(self.state, "step")
         deadline = self._pacer.wait(self._was_under_way)
         now = self._clock.now()
+        self._judge_lateness(now)
         readings = self._link.read_hinges(now)
         folds = self._localiser.folds(readings.position_rad)
         self._judge(readings, folds, now)
@@ -148,6 +149,19 @@ class Cycle:
         self._was_under_way = self.under_way
         self._observers.notify(record)
         return record
+
+    def _judge_lateness(self, now: float) -> None:
+        late, allowed = self._pacer.late_in_a_row, self._settings.overruns_allowed
+        if late > allowed:
+            self._trip(
+                Fault(
+                    FaultKind.OVERRUN,
+                    "control loop",
+                    f"late {late} cycles in a row, by a whole one or more; limit: overruns_allowed = {allowed}",
+                    "see what else loads the computer, or lower rate_hz and plan again, then clear the fault",
+                    now,
+                )
+            )
 
     def _judge(self, readings: HingeReadings, folds: FloatArray, now: float) -> None:
         self._trip(self._monitor.judge_replies(readings, folds, self._clock.now()))

@@ -28,12 +28,14 @@ class Pacer:
         Time between two cycles.
     overruns
         Deadlines that passed while a motion was under way.
+    late_in_a_row
+        Cycles without one in time between them.
     """
 
     def __init__(self, clock: Clock, rate_hz: float, queued_s: float = 0.0) -> None:
         self._clock = clock
         self.period_s = 1.0 / rate_hz
-        self.overruns = 0
+        self.overruns = self.late_in_a_row = 0
         self._patience_s = max((GAP_PERIODS + 0.01) * self.period_s, queued_s)
         self._deadline = -np.inf
         self._sent = -np.inf
@@ -47,9 +49,12 @@ class Pacer:
         elif now > self._deadline:
             late = int((now - self._deadline) / self.period_s)
             self.overruns += 1 + late
+            self.late_in_a_row += 1
             missed += late * self.period_s
             # The late cycle's command may have gone out just now: the next one a whole period after it.
             start = max(now, self._sent + self.period_s)
+        else:
+            self.late_in_a_row = 0
         self._clock.sleep_until(start)
         self._deadline = start + self.period_s
         return missed

@@ -24,7 +24,6 @@ EMERGENCIES = frozenset(
         FaultKind.COMMAND_REFUSED,
         FaultKind.BUS_CLOSED,
         FaultKind.BUS_ERROR,
-        FaultKind.OVERRUN,
     }
 )
 """Faults after which every further cycle takes the structure farther from where it is known to be."""

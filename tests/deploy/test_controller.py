@@ -550,6 +550,22 @@ def test_opening_begins_with_every_latch_open() -> None:
     assert "not open" in result.fault.detail
 
 
+def test_a_loop_that_is_always_late_is_a_fault_and_one_that_sometimes_is_goes_on() -> None:
+    for allowed, faults in ((5, True), (40, False)):
+        b = bench(controller={"overruns_allowed": allowed})
+        b.controller.deploy()
+        b.step_until_fold(0.3)
+        for _ in range(20):
+            b.clock.sleep_until(b.clock.now() + 0.011)
+            b.steps(1)
+        result = b.controller.run()
+        assert (result.fault is not None) == faults
+        assert result.overruns >= 6
+        if result.fault is not None:
+            assert result.fault.kind is FaultKind.OVERRUN
+            assert "overruns_allowed" in result.fault.detail
+
+
 def test_time_between_commands_is_no_overrun() -> None:
     b = bench()
     b.steps(3)
