@@ -494,7 +494,16 @@ static void test_feedback_counts_while_a_hinge_is_on(void)
     CHECK_EQUAL(sense_for(6).fault, ORI_FAULT_FEEDBACK_LOST);
     hinges_disable(1);
     CHECK_EQUAL(hinges_lost(), ORI_NOBODY);
-    CHECK_EQUAL(sense_for(50).fault, ORI_FAULT_NONE);
+    rig_place(0, 0);
+    CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
+    count_of(0, 0);
+    CHECK_EQUAL(sense_for(5).fault, ORI_FAULT_NONE);
+    hinges_disable(1);
+    rig_place(0, 0);
+    CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
+    count_of(0, 0);
+    CHECK_EQUAL(sense_for(5).fault, ORI_FAULT_NONE);
+    CHECK_EQUAL(sense_for(1).fault, ORI_FAULT_FEEDBACK_LOST);
 }
 
 /* A hinge that went off is told first. */
@@ -532,7 +541,7 @@ static void test_all_twelve_are_there(void)
     hinges_output(position);
     CHECK_EQUAL(hinges_on(), 0xfff);
     CHECK_EQUAL(hinges_asked()[11], 1000);
-    hinges_disable(0xfff);
+    hinges_disable(0xffff);
     for (unsigned i = 0; i < ORI_SERVO_OUTPUTS; i++)
         CHECK_EQUAL(fake.servo[i], 0);
 }

@@ -256,6 +256,7 @@ static void test_heat_that_is_not_known_is_full(void)
         for (port_reset_t cause = PORT_RESET_POWER; cause <= PORT_RESET_WATCHDOG; cause++) {
             set_up(7);
             config.latch[6].duty_permille = 1000;
+            config.latch[3].output = 0;
             CHECK_EQUAL(latches_command(0, true), ORI_ACCEPTED);
             steps(10);
             ((uint8_t *)&fake.kept)[at] ^= 0x10;
@@ -308,6 +309,10 @@ static void test_heat_is_the_outputs(void)
     restart(PORT_RESET_EXTERNAL);
     CHECK_EQUAL(report().duty_left_permille[3], 600);
     CHECK_EQUAL(report().duty_left_permille[0], 1000);
+    config.latch[3].max_on_ms = 400; /* as hot as it is */
+    restart(PORT_RESET_EXTERNAL);
+    CHECK_EQUAL(report().duty_left_permille[3], 0);
+    CHECK_EQUAL(report().tripped, 0x8);
     config.latch[3].max_on_ms = 100;
     restart(PORT_RESET_EXTERNAL);
     CHECK_EQUAL(report().duty_left_permille[3], 0);
@@ -322,8 +327,10 @@ static void test_when_it_will_be_cold_is_told(void)
     set_up(7);
     config.latch[6].max_on_ms = 3600000;
     config.latch[6].duty_permille = 1;
+    config.latch[3].duty_permille = 0; /* cold, though it would never cool */
     CHECK_EQUAL(latches_hot_ms(&index), 0);
     CHECK_EQUAL(index, ORI_NOBODY);
+    config.latch[3].duty_permille = 250;
     CHECK_EQUAL(latches_command(1, true), ORI_ACCEPTED); /* a pin has no heat */
     CHECK_EQUAL(latches_command(2, true), ORI_ACCEPTED);
     steps(10);
@@ -393,9 +400,11 @@ static void test_all_eight_are_there(void)
         latches_step();
         CHECK_EQUAL(report().commanded, 1U << i);
         CHECK_EQUAL(latches_driven(), i % 3 != 2);
+        CHECK_EQUAL(latches_drives(i), i % 3 != 2);
         CHECK_EQUAL(latches_command(i, false), ORI_ACCEPTED);
     }
     CHECK_EQUAL(latches_command(8, true), ORI_REFUSED_INDEX);
+    CHECK(!latches_drives(8));
 }
 
 static void test_several_trip_at_once(void)

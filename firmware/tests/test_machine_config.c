@@ -158,6 +158,17 @@ static void test_a_refused_configuration_changes_nothing(void)
     CHECK_EQUAL(machine_state(), ORI_FAULTED);
 }
 
+static void test_a_configuration_that_is_not_whole_has_no_hash(void)
+{
+    const mavlink_ori_config_device_t device = rig_device(1, 0);
+    uint8_t index = ORI_NOBODY;
+    int32_t value = 0;
+    rig_start();
+    CHECK_EQUAL(machine_config_begin(&device, &index, &value), ORI_ACCEPTED);
+    CHECK_EQUAL(machine_config_commit(12345, &index, &value), ORI_REFUSED_INDEX);
+    CHECK_EQUAL(value, 0);
+}
+
 static void test_a_new_configuration_begins_afresh(void)
 {
     rig_start();
@@ -177,4 +188,4 @@ SUITE(machine_config, TEST(test_damaged_configurations_are_a_fault_until_one_is_
       TEST(test_damage_behind_another_fault_is_not_forgotten), TEST(test_a_configuration_ends_no_other_fault),
       TEST(test_a_reset_without_a_configuration_can_be_cleared), TEST(test_configuring_needs_everything_off),
       TEST(test_configuring_waits_for_magnets_to_cool),
-      TEST(test_a_refused_configuration_changes_nothing), TEST(test_a_new_configuration_begins_afresh));
+      TEST(test_a_refused_configuration_changes_nothing), TEST(test_a_configuration_that_is_not_whole_has_no_hash), TEST(test_a_new_configuration_begins_afresh));
