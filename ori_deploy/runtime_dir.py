@@ -63,9 +63,17 @@ def _own() -> Path:
     uid = os.geteuid()
     given = os.environ.get("XDG_RUNTIME_DIR", "")
     # After `su` or `sudo -E` it may still be another user's.
-    if given and Path(given).is_absolute() and Path(given).is_dir() and Path(given).stat().st_uid == uid:
+    if Path(given).is_absolute() and _is_folder_of(Path(given), uid):
         return Path(given) / NAME
     return FALLBACK / f"{NAME}-{uid}"
+
+
+def _is_folder_of(folder: Path, uid: int) -> bool:
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == uid
 
 
 def _problem(folder: Path, uid: int) -> str | None:

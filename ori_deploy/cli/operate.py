@@ -62,19 +62,12 @@ def status(pid: int | None, port: str | None, as_json: bool, watch: bool) -> Non
     if not watch:
         _show(_status_of(where), as_json=as_json)
         return
-    in_place = console.is_terminal and not as_json
-    with Live(console=console, auto_refresh=False) if in_place else nullcontext() as live:
-        while True:
-            try:
-                now = _status_of(where)
-            except NotAnswering:
-                break
-            if live is not None:
-                live.update(Text(_page(now)), refresh=True)
-            else:
-                _show(now, as_json=as_json)
-            time.sleep(_REFRESH_S)
-    click.echo(f"the controller with pid {where.pid} has ended", err=True)
+    try:
+        _watch(where, as_json=as_json)
+    except KeyboardInterrupt:
+        return  # as it is meant to end
+    except NotAnswering:
+        click.echo(f"the controller with pid {where.pid} has ended", err=True)
 
 
 def _command(do: Do, text: str) -> click.Command:
@@ -127,6 +120,18 @@ def _status_of(where: Found) -> Status:
     if answer.status is None:
         raise NotAnswering(f"the controller with pid {where.pid} does not tell its status: {answer.why}")
     return answer.status
+
+
+def _watch(where: Found, *, as_json: bool) -> None:
+    in_place = console.is_terminal and not as_json
+    with Live(console=console, auto_refresh=False) if in_place else nullcontext() as live:
+        while True:
+            now = _status_of(where)
+            if live is not None:
+                live.update(Text(_page(now)), refresh=True)
+            else:
+                _show(now, as_json=as_json)
+            time.sleep(_REFRESH_S)
 
 
 def _refuse(do: Do, answer: Answer) -> None:

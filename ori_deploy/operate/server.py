@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from ori_deploy.errors import FileError
 from ori_deploy.operate.desk import Desk
 from ori_deploy.operate.messages import MAX_REQUEST_BYTES, Answer, BadRequest, answer_line, parse_request
 from ori_deploy.operate.places import remove_stale, socket_path
@@ -26,6 +27,8 @@ MAX_CLIENTS = 8
 ACCEPTS_PER_CYCLE = 8
 BACKLOG = 16
 READ_BYTES = 4096
+LONGEST_PATH = 107
+"""Bytes that the kernel allows the name of a socket."""
 
 _UCRED = struct.Struct("3i")
 
@@ -53,7 +56,7 @@ class OperatorSocket:
     Raises
     ------
     FileError
-        There is no safe folder for it.
+        There is no safe folder for it, or its name is too long.
     OSError
         It cannot be made there.
     """
@@ -63,6 +66,13 @@ class OperatorSocket:
         folder = runtime_dir()
         remove_stale(folder)
         self.path: Path = socket_path(folder, os.getpid())
+        if len(os.fsencode(self.path)) > LONGEST_PATH:
+            raise FileError(
+                f"{self.path}: too long a name for a socket",
+                value=f"{len(os.fsencode(self.path))} bytes",
+                limit=f"{LONGEST_PATH}",
+                remedy="set XDG_RUNTIME_DIR to a folder with a shorter name",
+            )
         self.path.unlink(missing_ok=True)  # of a program that had our number before
         self._clients: dict[int, _Client] = {}
         self._poll = select.poll()

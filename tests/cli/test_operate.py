@@ -13,7 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from ori_deploy.cli import main
+from ori_deploy.cli.operate import operator
 from ori_deploy.operate.places import socket_path
 from tests.cli.inside import run
 
@@ -129,6 +132,7 @@ def test_stop_ends_the_session_as_ctrl_c_does_and_says_who(plan: Path, tmp_path:
     assert "brought to rest along its path; asked for by an operator at another terminal" in err
 
 
+@pytest.mark.slow
 def test_estop_ends_with_its_fault_and_status_1(plan: Path, tmp_path: Path) -> None:
     with session(tmp_path, "deploy", plan, "--rig", plan.with_name(RIG), "--realtime") as running:
         running.until("-> moving")
@@ -148,6 +152,21 @@ def test_without_a_controller_the_status_is_2_and_the_line_says_what_to_do(tmp_p
         assert done.stderr.count("\n") == 1
         assert "no controller is running" in done.stderr
         assert "remedy: start one" in done.stderr
+
+
+def test_every_command_has_its_help_and_an_example() -> None:
+    for group in (main, operator):
+        for name in operator.commands:
+            page = CliRunner().invoke(group, [name, "-h"], prog_name="ori-deploy").output
+            assert f"ori-deploy {name} " in page.split("Example:")[1]
+
+
+def test_an_emergency_stop_waits_for_no_room_to_load() -> None:
+    code = "import sys; sys.argv = ['ori-deploy', 'estop']; from ori_deploy.cli import main; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    loaded = set(done.stdout.split())
+    assert "ori_deploy.operate.client" in loaded
+    assert not loaded & {"numpy", "scipy", "ori_deploy.motion", "ori_deploy.deploy.controller"}
 
 
 def test_virtual_time_has_no_socket_and_help_says_so(
@@ -186,7 +205,13 @@ def test_watch_follows_to_the_end_and_several_sessions_are_told_apart(plan: Path
         assert done.returncode == 2
         for pid in (one.pid, two.pid):
             assert f"pid {pid} ({plan.name}, no port, moving)" in done.stderr
-        with session(tmp_path, "status", "--watch", "--json", "--pid", one.pid) as watching:
+        with (
+            session(tmp_path, "status", "--watch", "--json", "--pid", one.pid) as watching,
+            session(tmp_path, "status", "--watch", "--json", "--pid", one.pid) as bored,
+        ):
+            bored.until("pid")
+            bored.process.send_signal(signal.SIGINT)
+            assert bored.end()[0] == 0
             assert asked("stop", "--wait", "--pid", two.pid, cwd=tmp_path).returncode == 0
             assert one.end()[0] == 0
             status, out, err = watching.end()

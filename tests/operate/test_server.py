@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from ori_deploy.deploy.states import State
+from ori_deploy.errors import FileError
 from ori_deploy.operate import server
 from ori_deploy.operate.messages import MAX_REQUEST_BYTES
 from ori_deploy.operate.places import remove_stale, socket_path
@@ -308,6 +309,14 @@ def test_another_user_is_turned_away(runtime_folder: Path) -> None:
             pytest.fail("the child hangs")
         assert os.waitstatus_to_exitcode(status) == 0
         assert s.bench.controller.fault is None
+
+
+def test_too_long_a_name_for_a_socket_is_told(runtime_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    deep = runtime_folder.parent / ("x" * 100)
+    deep.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    with pytest.raises(FileError, match=r"too long a name.*limit: 107.*remedy: set XDG_RUNTIME_DIR"), served():
+        pass
 
 
 # -- what is left behind -------------------------------------------------------------------------------
