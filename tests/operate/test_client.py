@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from ori_deploy import runtime_dir
+from ori_deploy.deploy.states import State
 from ori_deploy.operate import client
 from ori_deploy.operate.client import Found, NoController, NotAnswering, ask, find
 from ori_deploy.operate.messages import Answer, Do, Request, answer_line
 from ori_deploy.operate.places import socket_path
+from tests.operate.served import served
 from tests.operate.test_messages import STATUS
 
 
@@ -112,3 +116,43 @@ def test_an_end_before_rest_is_found_out(made: Path) -> None:
         assert next(answers).took
         with pytest.raises(NotAnswering, match="see its terminal"):
             next(answers)
+
+
+def _serve_as_nobody(ready: int) -> None:
+    """A session of user 65534: deploys, and ends when it was stopped."""
+    os.setgroups([])
+    os.setgid(65534)
+    os.setuid(65534)
+    with served() as s:
+        s.bench.controller.deploy()
+        s.cycles(50)
+        os.write(ready, b"x")
+        s.bench.controller.hold()
+        while s.bench.controller.state is not State.ARMED:  # held and waiting for whoever may command it
+            s.cycles()
+            time.sleep(0.001)
+
+
+def test_root_commands_another_user_s_controller_by_its_pid(runtime_folder: Path) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("NOT TESTED: commanding another user's controller needs root")
+    runtime_folder.parent.chmod(0o755)
+    runtime_dir.FALLBACK.mkdir()
+    runtime_dir.FALLBACK.chmod(0o1777)
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:  # no exception may leave this branch, or pytest runs twice
+        status = 1
+        try:
+            _serve_as_nobody(write)
+            status = 0
+        finally:
+            os._exit(status)
+    os.read(read, 1)
+    with pytest.raises(NoController, match="root names another user's with --pid"):
+        find()
+    answers = list(ask(find(pid=child), Request(Do.STOP, wait=True)))
+    assert [answer.state for answer in answers] == [State.STOPPING, State.ARMED]
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    os.close(read)
+    os.close(write)
