@@ -114,7 +114,7 @@ class McuBus(ActuatorBus):
         config = records(wiring)
         self._hash = config_hash(config)
         self._port = SerialPort(port or settings.port, settings.baud)
-        where = f"--port {port}" if port or source is None else f"--rig {source}"
+        where = f"--rig {source}" if source and not port else f"--port {port or settings.port}"
         self._naming = Naming(
             self.hinge_ids, self.latch_ids, f"ori-deploy mcu clear-fault {where}", device_record(config)
         )

@@ -154,7 +154,7 @@ class Decoder:
         """
         known = readings.valid | self._blind
         if not known.all():
-            lost = ", ".join(names[k] for k in np.flatnonzero(~known))
+            lost = ", ".join(name for name, is_known in zip(names, known, strict=True) if not is_known)
             raise CommandRefused(f"no valid position from {lost}; remedy: check its feedback wire")
         off = np.where(readings.valid, np.abs(readings.position_rad - shaft_rad), 0.0)
         off = np.where(self._blind & np.isfinite(self.vouched_rad), 0.0, off)  # a new word for an old

@@ -87,6 +87,7 @@ def check_feedback(line: McuLine, wiring: McuWiring, clock: Clock) -> State:
         }
         if not lost:
             return state
+    assert state is not None
     supply_v, lowest_v = 1e-3 * state.supply_mv, wiring.settings.min_supply_v
     if supply_v < lowest_v:
         raise BusTimeout(

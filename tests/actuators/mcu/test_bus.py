@@ -658,6 +658,15 @@ def test_faults_in_words(fault: int, index: int, kind: type[ActuatorFault], word
         bus.read_health()
 
 
+@pytest.mark.parametrize(
+    ("port", "source", "where"),
+    [(None, "r.toml", "--rig r.toml"), ("/dev/x", "r.toml", "--port /dev/x"), (None, None, "--port /dev/ttyNONE")],
+)
+def test_the_command_that_clears_says_which_board(port: str | None, source: str | None, where: str) -> None:
+    made = McuBus(wiring(), SteppedClock(), 50.0, port, source)
+    assert made._naming.clear == f"ori-deploy mcu clear-fault {where}"
+
+
 def test_every_fault_of_the_dialect_has_words() -> None:
     from ori_deploy.actuators.mcu.faults import _FAULTS, Naming
 
