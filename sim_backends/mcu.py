@@ -13,13 +13,15 @@ import click
 
 from ori_deploy.errors import InputError, OriDeployError
 from sim_backends.microcontroller.build import Port
-from sim_backends.microcontroller.from_rig import Start, world_for_files
+from sim_backends.microcontroller.from_rig import Start, linked_world_for_files, world_for_files
 from sim_backends.microcontroller.launcher import Microcontroller
+from sim_backends.microcontroller.linked import LinkedStructure
 from sim_backends.microcontroller.spec import HingeSpec, LatchSpec, WorldSpec
 
 __all__ = ["HingeSpec", "LatchSpec", "Microcontroller", "WorldSpec", "main"]
 
 EXIT_BAD_INPUT = 2
+LINK_PERIOD_S = 0.02
 
 
 def bench() -> WorldSpec:
@@ -27,12 +29,20 @@ def bench() -> WorldSpec:
     return WorldSpec(hinges=tuple(HingeSpec(output=k, adc=k) for k in range(12)))
 
 
-def _world(rig_file: Path | None, plan_file: Path | None, start: Start) -> WorldSpec:
+def _world(
+    rig_file: Path | None, plan_file: Path | None, start: Start, *, linked: bool
+) -> tuple[WorldSpec, tuple[int, ...]]:
+    """The world, and the servos on another bus that turn its hinges."""
     if rig_file is not None and plan_file is not None:
-        return world_for_files(rig_file, plan_file, start)
-    if rig_file is not None or plan_file is not None:
-        raise InputError("--rig and --plan", limit="both or none", remedy="give the other one as well")
-    return bench()
+        if linked:
+            return linked_world_for_files(rig_file, plan_file, start)
+        return world_for_files(rig_file, plan_file, start), ()
+    if rig_file is not None or plan_file is not None or linked:
+        raise InputError(
+            "--rig, --plan and --servos", limit="--rig and --plan together; --servos with both",
+            remedy="give the others as well",
+        )  # fmt: skip
+    return bench(), ()
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -44,6 +54,12 @@ def _world(rig_file: Path | None, plan_file: Path | None, start: Start) -> World
 )
 @click.option("--plan", "plan_file", type=click.Path(path_type=Path), help="Plan of the structure between them.")
 @click.option("--start", type=click.Choice(["stowed", "deployed"]), default="stowed", show_default=True)
+@click.option(
+    "--servos",
+    type=click.Path(path_type=Path),
+    metavar="CONTROL",
+    help="Control socket of a simulated Dynamixel bus, whose servos turn the hinges: latches close where they stand.",
+)
 @click.option("--eeprom", type=click.Path(path_type=Path, dir_okay=False), help="File that keeps the EEPROM.")
 def main(
     link: Path,
@@ -52,6 +68,7 @@ def main(
     rig_file: Path | None,
     plan_file: Path | None,
     start: Start,
+    servos: Path | None,
     eeprom: Path | None,
 ) -> None:
     """The firmware on a simulated board, behind a pty, until Ctrl-C.
@@ -66,11 +83,15 @@ def main(
 
     signal.signal(signal.SIGTERM, end)
     try:
-        with Microcontroller(
-            _world(rig_file, plan_file, start), link, port=port, program=elf, eeprom=eeprom
-        ) as board:
+        world, ids = _world(rig_file, plan_file, start, linked=servos is not None)
+        with Microcontroller(world, link, port=port, program=elf, eeprom=eeprom) as board:
+            structure = None if servos is None else LinkedStructure(board, servos, ids)
+            if structure is not None:
+                structure.step()  # before anybody is told that it is there
             click.echo(board.greeting)
-            board.wait()
+            while not board.ended(LINK_PERIOD_S):
+                if structure is not None:
+                    structure.step()
     except OriDeployError as wrong:
         click.echo(f"error: {wrong}", err=True)
         sys.exit(EXIT_BAD_INPUT)

@@ -99,6 +99,11 @@ class VirtualBus:
             raise VirtualBusError("the virtual bus has not been started")
         return self._process.pid
 
+    @property
+    def control(self) -> Path:
+        """Its control socket."""
+        return self._control
+
     def __enter__(self) -> Self:
         spec = Path(self._folder.name) / "spec.json"
         spec.write_text(json.dumps(self._spec.to_json()))

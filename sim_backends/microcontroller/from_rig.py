@@ -34,6 +34,7 @@ def world_from_rig(
     start: Start = "stowed",
     start_rad: ArrayLike | None = None,
     seed: int = 1,
+    turned: bool = False,
 ) -> WorldSpec:
     """A world as a rig describes it.
 
@@ -49,6 +50,9 @@ def world_from_rig(
         (n_cells, 4) crease angles to start from instead, no pin driven home.
     seed
         Of noise and faults.
+    turned
+        Whether hinges that are not wired to the microcontroller are in its world all the same, and turned by
+        somebody else: latches then close where these stand. Without it, latches are closed wherever they may be.
     """
     if rig.mcu is None:
         raise InputError("the rig has no microcontroller", remedy="use one with a table [mcu]", source=rig.source)
@@ -56,6 +60,8 @@ def world_from_rig(
     ends = {"stowed": rig.to_actuator(stowed_rad), "deployed": rig.to_actuator(deployed_rad)}
     shaft = ends[start] if start_rad is None else rig.to_actuator(start_rad)
     hinges = tuple(_hinge(hinge, float(angle)) for hinge, angle in zip(rig.mcu.hinges, shaft, strict=False))
+    if turned and not hinges:
+        hinges = tuple(HingeSpec(NOBODY, start_rad=float(angle)) for angle in shaft)
     latches = []
     for latch in rig.mcu.latches:
         end: Start = "stowed" if _of_rig(rig, latch.name).secures == STOW_POINT else "deployed"
@@ -117,16 +123,39 @@ def _of_rig(rig: ResolvedRig, name: str) -> RigLatch:
     return next(latch for latch in rig.latches + rig.stow_locks if latch.id == name)
 
 
+def servo_ids(rig: ResolvedRig) -> tuple[int, ...]:
+    """Servos on another bus that turn the hinges, in the order of the hinges; none where the board drives them."""
+    return () if rig.wiring is None else tuple(servo.id for servo in rig.wiring.hinges)
+
+
 def world_for_files(rig_file: Path, plan_file: Path, start: Start) -> WorldSpec:
     """The world of a rig file and a plan, the structure at one end of the motion.
+
+    Raises as `linked_world_for_files`.
+    """
+    return _for_files(rig_file, plan_file, start, turned=False)[0]
+
+
+def linked_world_for_files(rig_file: Path, plan_file: Path, start: Start) -> tuple[WorldSpec, tuple[int, ...]]:
+    """The same with the hinges that servos on another bus turn, and `servo_ids`.
 
     Raises
     ------
     InputError
         A file cannot be used, or the rig has no microcontroller.
     """
+    world, ids = _for_files(rig_file, plan_file, start, turned=True)
+    if not ids:
+        raise InputError(
+            "--servos: no hinge of the rig is on another bus", remedy="leave it out", source=str(rig_file)
+        )
+    return world, ids
+
+
+def _for_files(rig_file: Path, plan_file: Path, start: Start, *, turned: bool) -> tuple[WorldSpec, tuple[int, ...]]:
     from ori_deploy.files import load_plan  # slow to import, and wanted for this alone
 
     plan = load_plan(plan_file)
     rig = resolve_rig(load_rig(rig_file), plan.cell_ids, plan.latch_points)
-    return world_from_rig(rig, plan.crease_angles_rad[0], plan.crease_angles_rad[-1], start=start)
+    ends = plan.crease_angles_rad[[0, -1]]
+    return world_from_rig(rig, ends[0], ends[1], start=start, turned=turned), servo_ids(rig)

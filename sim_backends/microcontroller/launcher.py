@@ -260,6 +260,15 @@ class Microcontroller:
         assert self._process is not None
         return self._process.wait()
 
+    def ended(self, timeout_s: float) -> bool:
+        """Whether the process has ended, at the latest after a while."""
+        assert self._process is not None
+        try:
+            self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
     def kill(self) -> None:
         """End the process at once, as when its host dies. The link stays behind, pointing nowhere."""
         assert self._process is not None

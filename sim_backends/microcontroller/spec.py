@@ -22,7 +22,7 @@ class HingeSpec:
     Attributes
     ----------
     output, adc
-        Where servo and pot are wired; 255 for no pot.
+        Where servo and pot are wired; 255 for no pot, and for a hinge that something else turns.
     start_rad
         Where it stands.
     pulse_zero_ns, pulse_slope_ns
@@ -51,8 +51,8 @@ class HingeSpec:
     upper_rad: float = 1e3
 
     def __post_init__(self) -> None:
-        if not 0 <= self.output < OUTPUTS:
-            raise InputError("output of a hinge", value=self.output, limit="0 to 11", remedy="choose another")
+        if not (0 <= self.output < OUTPUTS or self.output == NOBODY):
+            raise InputError("output of a hinge", value=self.output, limit="0 to 11, or 255", remedy="choose another")
         if not (0 <= self.adc < ADC_INPUTS or self.adc == NOBODY):
             raise InputError("input of a hinge", value=self.adc, limit="0 to 15, or 255", remedy="choose another")
         if self.pulse_slope_ns == 0 or self.feedback_slope_nrad == 0:
