@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from enum import StrEnum
-from itertools import count
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Literal, Self
@@ -18,6 +16,7 @@ from ori_deploy.actuators.bus import ActuatorBus, CommandRefused
 from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
+from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import warn
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
@@ -27,11 +26,10 @@ from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
 from ori_deploy.deploy.span import require_unfolded
 from ori_deploy.deploy.states import State
-from ori_deploy.errors import FileError, InputError, RigError
-from ori_deploy.files import digest, load_plan
+from ori_deploy.errors import InputError, RigError
+from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
 from ori_deploy.operate.desk import Session
-from ori_deploy.telemetry.log import LogWriter
 from sim_backends.mock import MockBus
 
 Command = Literal["deploy", "stow"]
@@ -210,30 +208,35 @@ def carry_out(
     bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", port, stands, mcu_port)
     session = Session(plan_path.absolute(), rig_path.absolute(), log_path and log_path.absolute())
     results: list[MotionResult] = []
-    with StopRequest() as stop, Live(plan, rig) as live, _log(log_path, plan, rig, digest(plan_path)) as log:
-        observers = (live,) if log is None else (log, live)
-        with Controller(plan, rig, bus, clock, observers) as controller:
-            controller.connect()
-            tell_advice(bus)
-            if not stop.requested:
-                vouch_for(bus, rig, plan, stands)
-                controller.arm()
-            with operated(controller, plan, rig, bus, clock, session) if real else nullcontext() as operator:
-                for command in commands:
-                    if stop.requested:
-                        break
-                    live.begin(command)
-                    if command == "deploy":
-                        controller.deploy(span_unfolded=span_unfolded)
-                    else:
-                        controller.stow()
-                    results.append(run_command(controller, stop, operator))
-                    _write_result(log, results[-1])
-                    live.end(results[-1])
-                    if not results[-1].succeeded:
-                        break
-                    if command != commands[-1]:
-                        _dwell(controller, rig, operator)
+    recording = flight_recorder(log_path, plan_path, rig_path, plan, rig, clock)
+    with (
+        StopRequest() as stop,
+        Live(plan, rig) as live,
+        recording as recorder,
+        controller_for(plan, rig, bus, clock, (live,), recorder) as controller,
+    ):
+        controller.connect()
+        tell_advice(bus)
+        if not stop.requested:
+            vouch_for(bus, rig, plan, stands)
+            controller.arm()
+        with operated(controller, plan, rig, bus, clock, session) if real else nullcontext() as operator:
+            for command in commands:
+                if stop.requested:
+                    break
+                live.begin(command)
+                if command == "deploy":
+                    controller.deploy(span_unfolded=span_unfolded)
+                else:
+                    controller.stow()
+                results.append(run_command(controller, stop, operator))
+                if recorder is not None:
+                    recorder.write_result(results[-1])
+                live.end(results[-1])
+                if not results[-1].succeeded:
+                    break
+                if command != commands[-1]:
+                    _dwell(controller, rig, operator)
     return plan, tuple(results), _stopped_by(stop, operator)
 
 
@@ -264,49 +267,9 @@ def run_command(controller: Controller, stop: StopRequest, operator: Operator | 
     return controller.result()
 
 
-def _write_result(log: LogWriter | None, result: MotionResult) -> None:
-    if log is None or result.observer_errors:
-        return
-    try:
-        log.write_result(result)
-    except OSError as wrong:
-        warn(f"the result is not in the log: {wrong}")
-
-
 def _dwell(controller: Controller, rig: ResolvedRig, operator: Operator | None) -> None:
     """Hold for a while, watched: a person should see the deployed state, and so should the log."""
     for _ in range(int(_DWELL_S * rig.rate_hz)):
         if operator is not None:
             operator.poll()
         controller.step()
-
-
-def _keep_older(path: Path) -> None:
-    """A log is evidence: one of the same name is kept under a numbered one."""
-    if path.exists():
-        number = next(n for n in count(1) if not path.with_stem(f"{path.stem}-{n}").exists())
-        path.replace(path.with_stem(f"{path.stem}-{number}"))
-
-
-@contextmanager
-def _log(path: Path | None, plan: Plan, rig: ResolvedRig, plan_sha256: str) -> Iterator[LogWriter | None]:
-    if path is None:
-        yield None
-        return
-    if not path.name or (path.exists() and not path.is_file()):
-        raise FileError(f"{path}: the log has to be a file", limit="a regular file", remedy="choose another name")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        writer = LogWriter(path, plan, rig, plan_sha256=plan_sha256)
-    except OSError as wrong:
-        raise FileError(
-            f"{path}: the log cannot be written", value=wrong.strerror, remedy="check the folder"
-        ) from wrong
-    try:
-        yield writer
-    finally:
-        try:
-            _keep_older(path)
-            writer.close()
-        except OSError as wrong:
-            warn(f"the log is not whole: {wrong}; what was written is in {writer.partial_path}")

@@ -1,39 +1,45 @@
-"""Writing a flight log: MCAP, JSON messages, compressed in chunks."""
+"""Writing a flight log: MCAP, JSON messages and the tape, compressed in chunks. Loads nothing heavy."""
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 import re
+from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
-from importlib.metadata import version
+from io import UnsupportedOperation
+from itertools import count
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
-import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from ori_deploy.actuators.bus import HealthReadings, LatchReading
-from ori_deploy.actuators.resolve import ResolvedRig
-from ori_deploy.deploy.result import CycleRecord, Fault, MotionResult
-from ori_deploy.deploy.states import Transition
-from ori_deploy.motion.plan import Plan
-from ori_deploy.telemetry.schema import CHANNELS, SCHEMA, json_schema
+from ori_deploy.telemetry.channel import Frame, Item
+from ori_deploy.telemetry.schema import CHANNELS, TAPE, TAPE_ENCODING, json_schema
 
-CHUNK_BYTES = 32 * 1024  # bounds the work of the cycle that finishes a chunk
+CHUNK_BYTES = 32 * 1024
 FLUSH_EVERY_S = 0.5
-"""Of record time: what a crash may cost, at any rate."""
+"""Of record time, and of real time where somebody calls `sync`: what a crash may cost, at any rate."""
+
+CLOSED = "closed"
+"""How a log ends whose session ended by itself."""
 
 _NON_FINITE = re.compile(r"(?<=[:,\[])-?(?:nan|inf)(?=[,\]}])")
 """Numbers in a cycle's text that JSON has no word for; names are quoted, and never match."""
 
 
+def open_partial(path: Path) -> tuple[Path, BinaryIO]:
+    """The file that a log is written to until it is whole, beside `path`. Raises OSError."""
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    return partial, partial.open("wb")
+
+
 class LogWriter:
-    """A flight log; give it to the controller as an observer.
+    """Writes frames into a log.
 
     It writes to a name of its own beside `path` and renames at `close`, so that `path` never holds half a
     log. After a crash the file under that other name can be read up to about the last second. After a
@@ -42,11 +48,11 @@ class LogWriter:
     Parameters
     ----------
     path
-        Where the log will be.
-    plan, rig
-        What is carried out, on what.
-    plan_sha256
-        Digest of the plan file.
+        Where the log will be; a log that is there already is kept under a numbered name.
+    info
+        The message of `/plan_info`.
+    partial, stream
+        From `open_partial`; opened here when left out.
 
     Raises
     ------
@@ -54,40 +60,47 @@ class LogWriter:
         From here and from every write: the disk is full, say.
     """
 
-    def __init__(self, path: str | Path, plan: Plan, rig: ResolvedRig, *, plan_sha256: str = "") -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        info: dict[str, Any],
+        partial: tuple[Path, BinaryIO] | None = None,
+    ) -> None:
         self.path = Path(path)
-        self.partial_path = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
-        self._stream = self.partial_path.open("wb")
+        self.partial_path, self._stream = open_partial(self.path) if partial is None else partial
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library="ori-deploy")
         self._channels = {channel: self._register(channel) for channel in CHANNELS}
-        self._format = _cycle_format(len(rig.hinges))
-        self._all_valid = _booleans(np.ones(len(rig.hinges), dtype=np.bool_))
+        self._channels[TAPE] = self._writer.register_channel(topic=TAPE, message_encoding=TAPE_ENCODING, schema_id=0)
+        self._n_hinges = len(info["hinge_ids"])
+        self._format = _cycle_format(self._n_hinges)
+        self._all_valid = _booleans(b"\1" * self._n_hinges)
+        self._info: dict[str, Any] | None = info
         self._flush_due = -math.inf
         self._failure: OSError | None = None
-        self._fault: Fault | None = None
         self._closed = False
         self._time_s = 0.0
-        self._info = _plan_info(plan, rig, plan_sha256)
-        self._info_written = False
+        self._dropped = 0
 
-    def __call__(self, record: CycleRecord) -> None:
-        """Write one cycle and all that happened in it."""
-        if math.isfinite(record.time_s):
-            self._time_s = record.time_s
+    def write(self, frame: Frame) -> None:
+        """Write all items of a frame."""
         with self._writing():
-            self._write_cycle(record)
-            if self._time_s >= self._flush_due:
-                self._flush_due = self._time_s + FLUSH_EVERY_S
-                self._flush()
+            for item in frame:
+                self._items[item[0]](self, item)
 
-    def write_result(self, result: MotionResult) -> None:
-        """Write how a command ended."""
+    def sync(self) -> None:
+        """Put what is written where it outlives the machine's power, as far as the system can."""
         with self._writing():
-            self._write("/result", asdict(result))
             self._flush()
+            try:
+                os.fdatasync(self._stream.fileno())
+            except UnsupportedOperation:
+                pass  # not a file of the system's
+            except OSError as error:
+                if error.errno in (errno.EIO, errno.ENOSPC, errno.EDQUOT):  # what was written is lost
+                    raise
 
-    def close(self) -> None:
+    def close(self, ending: str = CLOSED) -> None:
         """Finish the file and give it its name. Safe to call twice.
 
         Raises
@@ -99,7 +112,8 @@ class LogWriter:
             return
         self._closed = True
         try:
-            self._finish()
+            self._finish(ending)
+            keep_older(self.path)
             self.partial_path.replace(self.path)
         except OSError as error:
             reason = f"{error.strerror or error}; what was written is in {self.partial_path}"
@@ -118,15 +132,78 @@ class LogWriter:
                 raise
             error.add_note(str(failure))  # what ended the run matters more, and this is not to be lost
 
+    # -- the kinds of items --------------------------------------------------------------------------
+
+    def _message(self, item: Item) -> None:
+        _, channel, time_s, text = item
+        self._emit(channel, time_s, text.encode())
+        if channel == "/result":
+            self._flush()
+
+    def _cycle(self, item: Item) -> None:
+        _, log_time_s, *scalars, valid, numbers = item
+        values = array("d", numbers)
+        text = self._format % (
+            *scalars,
+            self._all_valid if valid == b"\1" * self._n_hinges else _booleans(valid),
+            *values,
+        )
+        if "nan" in text or "inf" in text:
+            text = _NON_FINITE.sub("null", text)
+        self._emit("/cycle", log_time_s, text.encode())
+        if log_time_s >= self._flush_due:
+            self._flush_due = log_time_s + FLUSH_EVERY_S
+            self._flush()
+
+    def _latches(self, item: Item) -> None:
+        _, time_s, readings = item
+        for name, engaged, confirmed, valid, fault in readings:
+            message = {
+                "time_s": time_s,
+                "id": name,
+                "engaged": engaged,
+                "confirmed": confirmed,
+                "valid": valid,
+                "fault": fault,
+            }
+            self._emit("/latch", time_s, json.dumps(message).encode())
+
+    def _timing(self, item: Item) -> None:
+        fields = dict(zip(CHANNELS["/timing"], item[1:], strict=True))
+        self._emit("/timing", item[1], json.dumps({name: round(value, 7) for name, value in fields.items()}).encode())
+
+    def _tape(self, item: Item) -> None:
+        self._emit(TAPE, item[1], item[2])
+
+    def _drop(self, item: Item) -> None:
+        self._dropped = item[1]
+        self._recorder("")
+
+    _items = {  # noqa: RUF012  a table of this class's methods
+        "message": _message,
+        "cycle": _cycle,
+        "latches": _latches,
+        "timing": _timing,
+        "tape": _tape,
+        "dropped": _drop,
+    }
+
+    # -- the file ------------------------------------------------------------------------------------
+
+    def _recorder(self, ending: str) -> None:
+        message = {"time_s": self._time_s, "dropped": self._dropped, "ending": ending}
+        self._emit("/recorder", self._time_s, json.dumps(message).encode())
+
     def _flush(self) -> None:
         """Finish the chunk and hand it to the operating system: it outlives this process."""
         self._writer.flush()  # type: ignore[no-untyped-call]  # mcap is typed in part
 
-    def _finish(self) -> None:
+    def _finish(self, ending: str) -> None:
         """Complete and close the stream. Raises the first failure of all writes."""
         with self._stream:
             if self._failure is not None:
                 raise self._failure
+            self._recorder(ending)
             self._writer.finish()  # type: ignore[no-untyped-call]  # mcap is typed in part
 
     @contextmanager
@@ -140,83 +217,12 @@ class LogWriter:
             self._failure = error
             raise
 
-    def _write_cycle(self, record: CycleRecord) -> None:
-        if not self._info_written:
-            self._write("/plan_info", self._info)
-            self._info_written = True
-        for transition in record.transitions:
-            self._write_transition(transition)
-        if record.fault is not self._fault:
-            self._fault = record.fault
-            if record.fault is not None:
-                self._write("/fault", asdict(record.fault))
-        self._emit("/cycle", self._cycle(record))
-        if record.health is not None:
-            self._write_health(record.health)
-        for reading in record.latches or ():
-            self._write_latch(reading)
-
-    def _cycle(self, record: CycleRecord) -> bytes:
-        readings = record.readings
-        numbers = np.concatenate(
-            (
-                record.folds,
-                record.commanded_rad,
-                readings.position_rad,
-                readings.velocity_rad_s,
-                readings.current_a,
-                record.time_s - readings.time_s,
-            )
-        ).tolist()
-        text = self._format % (
-            record.index,
-            record.time_s,
-            record.time_s - record.deadline_s,
-            record.state,
-            record.stage or "",
-            record.path_time_s,
-            record.rate,
-            record.rate_limit,
-            record.commanded_fold,
-            record.lost_replies,
-            record.overruns,
-            self._all_valid if readings.valid.all() else _booleans(readings.valid),
-            *numbers,
-        )
-        if "nan" in text or "inf" in text:
-            text = _NON_FINITE.sub("null", text)
-        return text.encode()
-
-    def _write_transition(self, transition: Transition) -> None:
-        self._write("/state", asdict(transition))
-
-    def _write_health(self, health: HealthReadings) -> None:
-        message = {
-            "time_s": self._time_s,
-            "valid": health.valid.tolist(),
-            "temperature_c": health.temperature_c.tolist(),
-            "voltage_v": health.voltage_v.tolist(),
-            "hardware_error": health.hardware_error.tolist(),
-            "torque_on": health.torque_on.tolist(),
-        }
-        self._write("/health", message)
-
-    def _write_latch(self, reading: LatchReading) -> None:
-        message = {
-            "time_s": self._time_s,
-            "id": reading.id,
-            "engaged": reading.engaged,
-            "confirmed": reading.confirmed,
-            "valid": reading.valid,
-            "fault": reading.fault,
-        }
-        self._write("/latch", message)
-
-    def _write(self, channel: str, message: dict[str, Any]) -> None:
-        self._emit(channel, json.dumps(_without_non_finite(message), allow_nan=False).encode())
-
-    def _emit(self, channel: str, data: bytes) -> None:
-        time_ns = int(self._time_s * 1e9)
+    def _emit(self, channel: str, time_s: float, data: bytes) -> None:
+        if self._info is not None:  # first of all, and at the time of what follows: no log begins at zero
+            info, self._info = self._info, None
+            self._emit("/plan_info", time_s, json.dumps(info).encode())
+        self._time_s = time_s
+        time_ns = int(time_s * 1e9)
         self._writer.add_message(self._channels[channel], log_time=time_ns, data=data, publish_time=time_ns)
 
     def _register(self, channel: str) -> int:
@@ -229,24 +235,11 @@ class LogWriter:
         return number
 
 
-def _plan_info(plan: Plan, rig: ResolvedRig, plan_sha256: str) -> dict[str, Any]:
-    return {
-        "schema": SCHEMA,
-        "version": version("ori-deploy"),
-        "design_name": plan.design_name,
-        "design_sha256": plan.design_sha256,
-        "plan_sha256": plan_sha256,
-        "rig_sha256": rig.sha256,
-        "rig_file": rig.source or "",
-        "seed": rig.mock.seed,
-        "rate_hz": rig.rate_hz,
-        "cell_ids": list(rig.cell_ids),
-        "hinge_ids": list(rig.hinge_ids),
-        "latch_ids": list(rig.latch_ids),
-        "driven_creases": [hinge.crease for hinge in rig.hinges],
-        "shaft_per_crease": rig.shaft_per_crease.tolist(),
-        "zero_rad": rig.zero_rad.tolist(),
-    }
+def keep_older(path: Path) -> None:
+    """A log is evidence: one of the same name is kept under a numbered one."""
+    if path.exists():
+        number = next(n for n in count(1) if not path.with_stem(f"{path.stem}-{n}").exists())
+        path.replace(path.with_stem(f"{path.stem}-{number}"))
 
 
 def _cycle_format(n_hinges: int) -> str:
@@ -271,16 +264,5 @@ def _cycle_format(n_hinges: int) -> str:
     return "{" + ",".join(f'"{name}":{form}' for name, form in fields.items()) + "}"
 
 
-def _booleans(values: np.ndarray[Any, np.dtype[np.bool_]]) -> str:
-    return ",".join("true" if value else "false" for value in values.tolist())
-
-
-def _without_non_finite(value: Any) -> Any:
-    """The same message with null for every number that JSON cannot hold."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_non_finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_non_finite(item) for item in value]
-    return value
+def _booleans(values: bytes) -> str:
+    return ",".join("true" if value else "false" for value in values)

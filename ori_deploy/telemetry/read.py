@@ -7,6 +7,7 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,8 @@ from ori_deploy.actuators.bus import LatchReading
 from ori_deploy.deploy.result import Fault, FaultKind, MotionResult, Outcome
 from ori_deploy.deploy.states import Event, State, Transition
 from ori_deploy.errors import FileError
-from ori_deploy.telemetry.schema import CHANNELS, SCHEMA
+from ori_deploy.telemetry.log import CLOSED
+from ori_deploy.telemetry.schema import CHANNELS, READABLE, TAPE
 
 FloatArray = NDArray[np.float64]
 
@@ -64,6 +66,16 @@ class Run:
         (m,) and (m, n_hinges), at their own rate.
     transitions, latches, faults, results
         In order; times of latch readings are those of the cycle.
+    commands
+        What the operator asked for, in order: messages of `/command`.
+    timing
+        Where the time of the cycles went: arrays over cycles, by the names of `/timing`; none in old logs.
+    versions
+        What it ran on: the message of `/versions`; empty in old logs.
+    dropped
+        Records that did not get through to the recorder.
+    ending
+        "closed", why the log ended otherwise, or "" where it does not say.
     """
 
     complete: bool
@@ -92,6 +104,11 @@ class Run:
     latches: tuple[LatchReading, ...]
     faults: tuple[Fault, ...]
     results: tuple[MotionResult, ...]
+    commands: tuple[Mapping[str, Any], ...]
+    timing: Mapping[str, FloatArray]
+    versions: Mapping[str, Any]
+    dropped: int
+    ending: str
 
     @property
     def commanded_crease_rad(self) -> FloatArray:
@@ -118,6 +135,29 @@ class Run:
         return crease
 
 
+@dataclass(frozen=True)
+class Recording:
+    """What a log holds to decide its run again.
+
+    Attributes
+    ----------
+    info, versions
+        As in `Run`.
+    files
+        Plan and rig as they were, by name; texts whose digests are right.
+    tape
+        The pieces of the tape, in order.
+    cut_off
+        Whether the log ends before its session did.
+    """
+
+    info: Mapping[str, Any]
+    versions: Mapping[str, Any]
+    files: Mapping[str, str]
+    tape: tuple[bytes, ...]
+    cut_off: bool
+
+
 def read_run(path: str | Path) -> Run:
     """Read a log.
 
@@ -127,59 +167,127 @@ def read_run(path: str | Path) -> Run:
         The file cannot be read, is not a log of this program, or holds no cycle.
     """
     source = str(path)
-    messages: dict[str, list[dict[str, Any]]] = {}
+    found = _read(source)
+    if not found.messages.get("/cycle"):
+        raise _no_log(source, found, "with cycles in it")
     try:
-        data = Path(path).read_bytes()
+        run = _run(found.complete, found.info, found.messages)
+        _check(run)
+    except _BROKEN as error:
+        raise _damaged(source, error) from error
+    return run
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read the tape of a log, and what it was made with.
+
+    Raises
+    ------
+    FileError
+        As `read_run`; the log is an old one that has no tape; or a file in it is not what its digest says.
+    """
+    source = str(path)
+    found = _read(source)
+    if found.info["schema"] == READABLE[0]:
+        raise FileError(
+            "this log holds no tape",
+            value=found.info["schema"],
+            limit=READABLE[-1],
+            remedy="only runs recorded since then can be replayed; ori-deploy report reads it",
+            source=source,
+        )
+    if not found.tape:
+        raise _no_log(source, found, "with a tape in it")
+    try:
+        files = {str(row["name"]): _whole_text(row) for row in found.messages.get("/file", [])}
+        complete = found.complete and _ending(found.messages) in ("", CLOSED)
+        return Recording(found.info, _versions(found.messages), files, tuple(found.tape), not complete)
+    except _BROKEN as error:
+        raise _damaged(source, error) from error
+
+
+@dataclass
+class _Found:
+    """Messages by channel, the tape, whether the file was complete and whole, and what ended it if not."""
+
+    messages: dict[str, list[dict[str, Any]]]
+    tape: list[bytes]
+    complete: bool = False
+    cause: Exception | None = None
+
+    @property
+    def info(self) -> Mapping[str, Any]:
+        return self.messages.get("/plan_info", [{}])[0]
+
+
+def _read(source: str) -> _Found:
+    try:
+        data = Path(source).read_bytes()
     except OSError as error:
         raise FileError(
             "the log cannot be read", value=error.strerror, remedy="check the path", source=source
         ) from error
-    complete, cause = _collect(data, messages)
-    info = messages.get("/plan_info", [{}])[0]
-    if info.get("schema") != SCHEMA or not messages.get("/cycle"):
-        raise FileError(
-            "this is not a flight log with cycles in it",
-            value=info.get("schema", repr(cause) if cause else None),
-            limit=f"schema {SCHEMA}",
-            remedy="give a log written by ori-deploy",
-            source=source,
-        ) from cause
-    try:
-        run = _run(complete, info, messages)
-        _check(run)
-    except _BROKEN as error:
-        raise FileError(
-            "the log is damaged",
-            value=f"{type(error).__name__}: {error}",
-            limit="messages as ori-deploy writes them",
-            remedy="give an undamaged copy",
-            source=source,
-        ) from error
-    return run
+    found = _collect(data)
+    if found.info.get("schema") not in READABLE:
+        raise _no_log(source, found, "with cycles in it")
+    return found
 
 
-def _collect(data: bytes, messages: dict[str, list[dict[str, Any]]]) -> tuple[bool, Exception | None]:
-    """Sort all messages by channel; whether the file was complete and whole, and what ended it if not.
+def _no_log(source: str, found: _Found, what: str) -> FileError:
+    error = FileError(
+        f"this is not a flight log {what}",
+        value=found.info.get("schema", repr(found.cause) if found.cause else None),
+        limit=f"schema {' or '.join(READABLE)}",
+        remedy="give a log written by ori-deploy",
+        source=source,
+    )
+    error.__cause__ = found.cause
+    return error
+
+
+def _damaged(source: str, error: Exception) -> FileError:
+    return FileError(
+        "the log is damaged",
+        value=f"{type(error).__name__}: {error}",
+        limit="messages as ori-deploy writes them",
+        remedy="give an undamaged copy",
+        source=source,
+    )
+
+
+def _whole_text(row: Mapping[str, Any]) -> str:
+    text = str(row["text"])
+    if sha256(text.encode()).hexdigest() != row["sha256"]:
+        raise ValueError(f"{row['name']} is not what its digest says")
+    return text
+
+
+def _collect(data: bytes) -> _Found:
+    """Sort all messages by channel.
 
     A message that cannot be decoded is left out. What cannot be read as a record ends the log: after a
     crash that is mostly in the middle of a chunk, and what came before is whole.
     """
     topics: dict[int, str] = {}
-    first: Exception | None = None
+    found = _Found({}, [])
     try:
         for record in StreamReader(BytesIO(data), validate_crcs=True).records:
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Message):
                 try:
-                    messages.setdefault(topics[record.channel_id], []).append(_decode(record.data))
+                    if (topic := topics[record.channel_id]) == TAPE:
+                        found.tape.append(record.data)
+                    else:
+                        found.messages.setdefault(topic, []).append(_decode(record.data))
                 except _BROKEN as error:
-                    first = first or error
+                    found.cause = found.cause or error
             elif isinstance(record, Footer):
-                return first is None, first
+                found.complete = found.cause is None
+                return found
     except _BROKEN as error:
-        return False, first or error
-    return False, first
+        found.cause = found.cause or error
+    return found
 
 
 def _decode(data: bytes) -> dict[str, Any]:
@@ -219,8 +327,10 @@ def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[
     def numbers(rows: list[dict[str, Any]], name: str) -> FloatArray:
         return np.array([row[name] for row in rows], dtype=np.float64)  # null becomes NaN
 
+    timing = messages.get("/timing", [])
+    ending = _ending(messages)
     return Run(
-        complete=complete,
+        complete=complete and ending in ("", CLOSED),
         info=info,
         state=tuple(row["state"] for row in cycles),
         stage=tuple(row["stage"] for row in cycles),
@@ -251,7 +361,26 @@ def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[
         ),
         faults=tuple(_fault(row) for row in messages.get("/fault", [])),
         results=tuple(_result(row) for row in messages.get("/result", [])),
+        commands=tuple(_command(row) for row in messages.get("/command", [])),
+        timing={name: numbers(timing, name) for name in (CHANNELS["/timing"] if timing else ())},
+        versions=_versions(messages),
+        dropped=max((int(row["dropped"]) for row in messages.get("/recorder", [])), default=0),
+        ending=ending,
     )
+
+
+def _ending(messages: Mapping[str, list[dict[str, Any]]]) -> str:
+    rows = messages.get("/recorder", [])
+    return str(rows[-1]["ending"]) if rows else ""
+
+
+def _versions(messages: Mapping[str, list[dict[str, Any]]]) -> Mapping[str, Any]:
+    return messages.get("/versions", [{}])[0]
+
+
+def _command(row: dict[str, Any]) -> Mapping[str, Any]:
+    """A command, with all its keys and nothing but texts in them."""
+    return {key: _number(row[key]) if key == "time_s" else str(row[key]) for key in CHANNELS["/command"]}
 
 
 def _number(value: Any) -> float:

@@ -1,7 +1,8 @@
-"""What is in a log: one JSON schema per channel, as Foxglove reads them.
+"""What is in a log: one JSON schema per channel, as Foxglove reads them, and one channel of bytes.
 
 Numbers that are not known are null. Times are seconds on the controller's monotonic clock, as are the
-message times, in nanoseconds.
+message times, in nanoseconds. What the controller was told and what it did about it is on the channel `TAPE`,
+in the form of `ori_deploy.telemetry.tape`: exact, and safe to read whoever wrote it.
 """
 
 from __future__ import annotations
@@ -95,11 +96,54 @@ CHANNELS: dict[str, dict[str, dict[str, Any]]] = {
         "worst_tracking_hinge": _STRING,
         "observer_errors": _list_of(_STRING),
     },
+    "/command": {
+        "time_s": _NUMBER,
+        "command": _STRING,
+        "arguments": _STRING,
+        "outcome": _STRING,
+        "detail": _STRING,
+        "state": _STRING,
+    },
+    "/timing": {
+        "time_s": _NUMBER,
+        "lateness_s": _NUMBER,
+        "wait_s": _NUMBER,
+        "read_s": _NUMBER,
+        "send_s": _NUMBER,
+        "decide_s": _NUMBER,
+        "record_s": _NUMBER,
+    },
+    "/versions": {
+        "ori_deploy": _STRING,
+        "python": _STRING,
+        "numpy": _STRING,
+        "platform": _STRING,
+        "machine": _STRING,
+        "processors": _INTEGER,
+        "affinity": _list_of(_INTEGER),
+        "scheduling": _STRING,
+        "clock": _STRING,
+        "begun_utc": _STRING,
+    },
+    "/file": {"name": _STRING, "sha256": _STRING, "text": _STRING},
+    "/recorder": {"time_s": _NUMBER, "dropped": _INTEGER, "ending": _STRING},
 }
-"""Properties of the messages of every channel."""
+"""Properties of the messages of every channel.
 
-SCHEMA = "ori-deploy/log/1"
-"""Written into `/plan_info`; a reader refuses any other."""
+`/command`: what the operator asked for; `outcome` is "done", "refused" or "interrupted", `arguments` JSON.
+`/timing`: where the time of a cycle went, on the wall whatever the controller's clock; `record_s` is what handing
+the cycle before to the recorder took. `/file`: the plan and the rig as they were. `/recorder`: records that were
+dropped since the log began, whenever that changes, and at the end how the log ended: "closed", or why not.
+"""
+
+TAPE = "/tape"
+TAPE_ENCODING = "ori-deploy-tape"
+
+SCHEMA = "ori-deploy/log/2"
+"""Written into `/plan_info`."""
+
+READABLE = ("ori-deploy/log/1", SCHEMA)
+"""Schemas that are read; the first has no tape, and knows nothing of commands, timing and dropped records."""
 
 
 def json_schema(channel: str) -> dict[str, Any]:

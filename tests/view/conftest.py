@@ -11,9 +11,9 @@ from ori_deploy.design import Structure
 from ori_deploy.files import build_from_file
 from ori_deploy.files.spec import Spec
 from ori_deploy.motion import Plan, plan_motion
-from ori_deploy.telemetry.log import LogWriter
 from ori_deploy.telemetry.read import Run, read_run
 from tests.deploy.synthetic import bench, synthetic_plan
+from tests.telemetry.inline import InlineLog
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -42,7 +42,7 @@ def wing_plan(wing: Structure) -> Plan:
 
 def _run(path: Path, jammed: bool) -> Run:
     b = bench(synthetic_plan())
-    with LogWriter(path, b.plan, b.rig, plan_sha256="ab" * 32) as log:
+    with InlineLog(path, b.plan, b.rig, plan_sha256="ab" * 32) as log:
         b.controller.add_observer(log)
         b.steps(10)
         b.controller.deploy()
