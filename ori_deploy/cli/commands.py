@@ -23,6 +23,7 @@ from ori_deploy.cli.limit import limit
 from ori_deploy.cli.mcu import mcu
 from ori_deploy.cli.operate import operator
 from ori_deploy.cli.optimise import Request, default_workers
+from ori_deploy.cli.replay import replay
 from ori_deploy.cli.session import Command, Place, carry_out
 from ori_deploy.cli.size import size
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_option, span_poses, tell_span
@@ -318,6 +319,7 @@ def demo(spec: Path | None, rig: Path | None, output: Path, realtime: bool) -> N
     sys.exit(run_demo(spec, rig, output, realtime=realtime))
 
 
+main.add_command(replay)
 main.add_command(limit)
 main.add_command(size)
 main.add_command(layouts_command)

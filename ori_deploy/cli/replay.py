@@ -1,0 +1,111 @@
+"""`ori-deploy replay`: a log decided again, with its own plan and rig or with others."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+import ori_deploy
+from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
+from ori_deploy.actuators.rig import load_rig
+from ori_deploy.cli.flight import PLAN_NAME, RIG_NAME
+from ori_deploy.cli.frame import EXIT_NOT_DONE, warn
+from ori_deploy.errors import FileError
+from ori_deploy.files import load_plan
+from ori_deploy.motion import Plan
+from ori_deploy.telemetry.read import Recording, read_recording
+from ori_deploy.telemetry.replay import Replay
+from ori_deploy.telemetry.replay import replay as decide_again
+
+_IN = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.command(epilog="\b\nExample:\n  ori-deploy replay run.mcap --rig stricter.toml")
+@click.argument("log", type=_IN)
+@click.option("--plan", "plan_file", type=_IN, help="Plan file, instead of the one in the log.")
+@click.option("--rig", "rig_file", type=_IN, help="Rig file, instead of the one in the log.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON document.")
+def replay(log: Path, plan_file: Path | None, rig_file: Path | None, as_json: bool) -> None:
+    """Run the measurements in LOG through the controller again, and see whether it decides the same.
+
+    Ends with status 0 when it does, 1 when it does not: at which cycle, and how.
+    """
+    recording = read_recording(log)
+    plan, rig = _inputs(log, recording, plan_file, rig_file)
+    if recording.info["version"] != ori_deploy.__version__:
+        warn(f"{log} was recorded by version {recording.info['version']}; this is {ori_deploy.__version__}")
+    _check_buses(log, recording, rig)
+    done = decide_again(recording.tape, plan, rig)
+    end = done.gap or ("the log is cut off there" if recording.cut_off else "")
+    if as_json:
+        click.echo(json.dumps(_document(done, end), allow_nan=False))
+    else:
+        click.echo("\n".join(_lines(done, end)))
+    sys.exit(0 if done.same else EXIT_NOT_DONE)
+
+
+def _inputs(
+    log: Path, recording: Recording, plan_file: Path | None, rig_file: Path | None
+) -> tuple[Plan, ResolvedRig]:
+    """Plan and rig, from the log where no file is given."""
+    with tempfile.TemporaryDirectory(prefix="ori-deploy-replay-") as folder:
+        plan_path = plan_file or _unpacked(log, recording, PLAN_NAME, Path(folder))
+        rig_path = rig_file or _unpacked(log, recording, RIG_NAME, Path(folder))
+        plan = load_plan(plan_path)
+        return plan, resolve_rig(load_rig(rig_path), plan.cell_ids, plan.latch_points)
+
+
+def _unpacked(log: Path, recording: Recording, name: str, folder: Path) -> Path:
+    if name not in recording.files:
+        raise FileError(
+            f"{log}: holds no {name}", limit="a log with its plan and rig", remedy="give them with --plan and --rig"
+        )
+    path = folder / f"{log.name}.{name}"
+    path.write_text(recording.files[name], newline="")
+    return path
+
+
+def _check_buses(log: Path, recording: Recording, rig: ResolvedRig) -> None:
+    """Refuse a rig of other actuators: what they measured cannot be handed on to these."""
+    for key, ids in (("hinge_ids", rig.hinge_ids), ("latch_ids", rig.latch_ids)):
+        if list(ids) != recording.info[key]:
+            raise FileError(
+                f"{log}: recorded on other actuators than this rig's",
+                value=", ".join(recording.info[key]),
+                limit=", ".join(ids),
+                remedy="change limits and times of the rig, not its hinges and latches",
+            )
+
+
+def _lines(done: Replay, end: str) -> list[str]:
+    same = f"{done.cycles:,} cycles, {done.decisions:,} decisions, {done.commands} commands the same"
+    if not done.same:
+        first = done.differences[0]
+        when = "" if math.isnan(first.time_s) else f", {first.time_s:.3f} s after the first"
+        return [
+            f"{same}; then it decides otherwise, in cycle {first.cycle}{when}:",
+            *(f"  {difference}" for difference in done.differences),
+        ]
+    return [f"{same}{f'; {end}' if end else ''}"]
+
+
+def _document(done: Replay, end: str) -> dict[str, Any]:
+    differences = [
+        {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in asdict(d).items()}
+        for d in done.differences
+    ]
+    return {
+        "same": done.same,
+        "cycles": done.cycles,
+        "decisions": done.decisions,
+        "commands": done.commands,
+        "differences": differences,
+        "ends_early": end or None,
+    }
