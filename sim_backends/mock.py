@@ -27,6 +27,7 @@ from ori_deploy.actuators.bus import (
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.actuators.rig import Latch, MockSettings
 from ori_deploy.clock import Clock
+from sim_backends.load import Load
 from sim_backends.mock_latches import GRIP_RAD, SimulatedLatch
 from sim_backends.mock_servos import STEP_S, ServoLimits, ServoPhysics
 
@@ -50,6 +51,8 @@ class MockBus(ActuatorBus):
         Simulated latches, in the order of `latch_ids`.
     start_rad
         (n_hinges,) shaft positions at the start; torque is off.
+    load
+        What the servos drive and the latches hold; None for servos that know nothing of each other.
     """
 
     def __init__(
@@ -61,11 +64,13 @@ class MockBus(ActuatorBus):
         settings: MockSettings,
         latches: Sequence[SimulatedLatch],
         start_rad: FloatArray,
+        load: Load | None = None,
     ) -> None:
         super().__init__(hinge_ids, [latch.id for latch in latches], position_limits_rad)
         self._clock = clock
         self._settings = settings
-        self._servos = ServoPhysics(limits, settings, start_rad)
+        self._load = load
+        self._servos = ServoPhysics(limits, settings, start_rad, load)
         self._latches = tuple(latches)
         self._random = np.random.default_rng(settings.seed)
         self._epoch = clock.now()
@@ -91,6 +96,7 @@ class MockBus(ActuatorBus):
         *,
         start: Start = "stowed",
         start_rad: ArrayLike | None = None,
+        load: Load | None = None,
     ) -> MockBus:
         """Simulate what a rig file describes.
 
@@ -106,6 +112,8 @@ class MockBus(ActuatorBus):
             At which end the structure is found, its latches engaged there.
         start_rad
             (n_cells, 4) crease angles to start from instead, no latch engaged.
+        load
+            What the servos drive, standing where they start; by default what `mock.plant` in the rig names.
         """
         stowed, deployed = rig.to_actuator(stowed_rad), rig.to_actuator(deployed_rad)
         latches = [_simulated(latch, rig, deployed) for latch in rig.latches]
@@ -116,11 +124,16 @@ class MockBus(ActuatorBus):
             position = deployed if start == "deployed" else stowed
         else:
             position = rig.to_actuator(start_rad)
+        if load is None and rig.mock.plant is not None:
+            from sim_backends.plant import plant_for_rig  # needs MuJoCo
+
+            angles = start_rad if start_rad is not None else deployed_rad if start == "deployed" else stowed_rad
+            load = plant_for_rig(rig, angles)
         limits = ServoLimits(
             velocity_rad_s=np.array([a.max_velocity_rad_s for a in rig.actuators]),
             torque_nm=np.array([a.max_torque_nm for a in rig.actuators]),
         )
-        return cls(clock, rig.hinge_ids, rig.position_limits_rad, limits, rig.mock, latches + locks, position)
+        return cls(clock, rig.hinge_ids, rig.position_limits_rad, limits, rig.mock, latches + locks, position, load)
 
     # -- truth, for tests and for judging the controller ---------------------------------------------
 
@@ -237,6 +250,12 @@ class MockBus(ActuatorBus):
     def latch_blind(self, latch_id: str) -> None:
         """Break a latch's sensor: it can no longer tell."""
         self._latches[self._latch_index(latch_id)].blind = True
+
+    def latch_mend(self, latch_id: str) -> None:
+        """Let a stuck or blind latch work again."""
+        self._advance()
+        latch = self._latches[self._latch_index(latch_id)]
+        latch.stuck = latch.blind = False
 
     # -- the bus -------------------------------------------------------------------------------------
 
@@ -360,6 +379,8 @@ class MockBus(ActuatorBus):
         while self._steps < target:
             self._steps += 1
             lower, upper = self._bounds()
+            if self._load is not None:
+                self._load.secure(latch.secures for latch in self._latches if latch.restrains)
             self._servos.step(lower, upper)
             for latch in self._latches:
                 latch.step(STEP_S, self._servos.output_rad)
@@ -385,4 +406,7 @@ class MockBus(ActuatorBus):
 
 
 def _simulated(latch: Latch, rig: ResolvedRig, closed_rad: FloatArray) -> SimulatedLatch:
-    return SimulatedLatch(id=latch.id, model=latch, closed_rad=closed_rad.copy(), range_rad=rig.latch_reach(latch))
+    reach = rig.latch_reach(latch)
+    return SimulatedLatch(
+        id=latch.id, model=latch, closed_rad=closed_rad.copy(), range_rad=reach, secures=latch.secures
+    )

@@ -30,6 +30,8 @@ class SimulatedLatch:
         (n_hinges,) output positions at which what it secures is closed.
     range_rad
         (n_hinges,) how far from there it takes hold; inf for hinges it does not depend on.
+    secures
+        What it holds, as the rig names it.
     commanded
         The last command it accepted.
     travel
@@ -48,6 +50,7 @@ class SimulatedLatch:
     model: LatchModel
     closed_rad: FloatArray
     range_rad: FloatArray
+    secures: str
     commanded: bool = False
     travel: float = 0.0
     on_s: float = 0.0

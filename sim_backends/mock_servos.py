@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import HardwareError
 from ori_deploy.actuators.rig import MockSettings
+from sim_backends.load import Load, shaft_rates
 
 FloatArray = NDArray[np.float64]
 
@@ -48,9 +49,13 @@ class ServoPhysics:
         What they can do.
     start_rad
         (n,) shaft positions; the creases start in the middle of their free play.
+    load
+        What the shafts drive, instead of `settings.load_nm` and `settings.backlash_rad`.
     """
 
-    def __init__(self, limits: ServoLimits, settings: MockSettings, start_rad: FloatArray) -> None:
+    def __init__(
+        self, limits: ServoLimits, settings: MockSettings, start_rad: FloatArray, load: Load | None = None
+    ) -> None:
         n = len(start_rad)
         self._limits = limits
         self._settings = settings
@@ -66,6 +71,8 @@ class ServoPhysics:
         self.hardware_error = np.zeros(n, dtype=np.uint8)
         self.sag_v = 0.0
         self._overload_s = np.zeros(n)
+        self._load = load
+        self._load_nm = np.zeros(n)
 
     @property
     def supply_v(self) -> float:
@@ -75,6 +82,9 @@ class ServoPhysics:
 
     def step(self, lower_rad: FloatArray, upper_rad: FloatArray) -> None:
         """Advance by `STEP_S`; `lower_rad` and `upper_rad` (n,) bound what latches let the creases do."""
+        if self._load is not None:
+            self._step_loaded(self._load)
+            return
         limits, load = self._limits, self._settings.load_nm
         spare = np.clip(1.0 - load / limits.torque_nm, 0.0, 1.0)
         speed = limits.velocity_rad_s * spare * (self.supply_v / self._settings.supply_v)
@@ -91,6 +101,20 @@ class ServoPhysics:
         push = np.minimum(np.abs(error) / STALL_ERROR_RAD, 1.0) * limits.torque_nm
         torque = np.where(blocked, push, load + FRICTION_NM_S * np.abs(self.velocity_rad_s)) * self.torque_on
         self._electrics(torque)
+
+    def _step_loaded(self, load: Load) -> None:
+        """Advance by `STEP_S` with a load that pulls back; what holds it is the load's business."""
+        limits = self._limits
+        no_load = limits.velocity_rad_s * (self.supply_v / self._settings.supply_v)
+        wish = np.clip(self._gain * (self.goal_rad - self.shaft_rad), -no_load, no_load) * self.torque_on
+        most = limits.torque_nm * self.torque_on
+        self.velocity_rad_s = shaft_rates(wish, self._load_nm, no_load, limits.torque_nm, most)
+        self.velocity_rad_s[self.jammed] = 0.0
+        self.shaft_rad = self.shaft_rad + STEP_S * self.velocity_rad_s
+        reaction = load.step(self.shaft_rad, STEP_S)
+        self._load_nm, self.output_rad = reaction.torque_nm, reaction.output_rad
+        rubbing = FRICTION_NM_S * np.abs(self.velocity_rad_s)
+        self._electrics((np.minimum(np.abs(self._load_nm), limits.torque_nm) + rubbing) * self.torque_on)
 
     def _electrics(self, torque_nm: FloatArray) -> None:
         self.current_a = IDLE_A + AMP_PER_NM * torque_nm

@@ -32,7 +32,7 @@ class HingeTorques:
     Attributes
     ----------
     fold
-        (n_poses,) fold of all cells.
+        (n_poses,) fold of all cells, or (n_poses, n_cells), as it was asked for.
     gravity, film, air
         What holding still asks for because of each.
     friction
@@ -136,7 +136,7 @@ def hinge_torques(
     crease
         (n_cells,) which crease of each cell is driven, in the order of `CREASES`.
     fold
-        (n_poses,) from 0 flat to 1 deployed.
+        (n_poses,) from 0 flat to 1 deployed, all cells in step, or (n_poses, n_cells).
 
     Returns
     -------

@@ -44,7 +44,7 @@ class Twists:
         Parameters
         ----------
         fold
-            (n_poses,) all cells in step.
+            (n_poses,) all cells in step, or (n_poses, n_cells).
         clamp
             Number of the panel that is held where it is when deployed.
         """

@@ -1,0 +1,1 @@
+"""The physics plant: a structure as rigid panels on film hinges, in MuJoCo."""
