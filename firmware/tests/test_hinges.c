@@ -80,10 +80,10 @@ static void test_starting_again_forgets_everything(void)
     hinges_report(&report);
     CHECK_EQUAL(report.position_urad[1], 0);
     CHECK_EQUAL(report.sensed | report.silent, 0);
-    /* Nor does a hinge remember for how long it did not follow. */
+    /* Nor does a hinge remember for how long it did not follow: this one for a frame. */
     set_up(4);
-    CHECK_EQUAL(enable(1, at_zero), ORI_ACCEPTED);
-    rig_place(0, 0.5);
+    CHECK_EQUAL(enable(4, at_zero), ORI_ACCEPTED);
+    rig_place(2, 0.5);
     for (unsigned i = 0; i < 5; i++)
         CHECK_EQUAL(sense(), ORI_NOBODY);
 }
