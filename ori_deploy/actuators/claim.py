@@ -23,6 +23,8 @@ from ori_deploy.runtime_dir import runtime_dir, runtime_dirs
 _FLOCK = "hhqqi"
 """struct flock: type, whence, start, length, pid."""
 
+_PSEUDO_TERMINALS = "/dev/pts/"
+
 _LONGEST_WORDS = 200
 """Of a command line, in an error that is one line itself."""
 
@@ -59,7 +61,7 @@ class DeviceClaim:
         """
         if self._fd >= 0 or not Path(self._path).exists():
             return
-        device = os.path.realpath(self._path)
+        device = _identity(self._path)
         if device in _held:
             raise BusClosed(
                 f"{self._path} cannot be opened: this program has it already (as {_held[device]}); "
@@ -80,7 +82,9 @@ class DeviceClaim:
         """Give it back. Safe to call twice."""
         if self._fd < 0:
             return
-        # The file stays: who removes a file that another is about to lock lets two in.
+        if self._device.startswith(_PSEUDO_TERMINALS):  # nobody will come to this name again
+            (runtime_dir() / _lock_name(self._device)).unlink(missing_ok=True)
+        # Any other file stays: who removes a file that another is about to lock lets two in.
         os.close(self._fd)
         self._fd = -1
         _held.pop(self._device, None)
@@ -102,6 +106,20 @@ class DeviceClaim:
             raise BusClosed(f"{self._path} cannot be locked for this program alone: {wrong}") from wrong
 
 
+def _identity(path: str) -> str:
+    """What a device is known by: its resolved path, and when it began where its number is used again.
+
+    A pseudo-terminal's number is given out again while a program may still hold an end of the one before.
+    """
+    device = os.path.realpath(path)
+    if device.startswith(_PSEUDO_TERMINALS):
+        try:
+            return f"{device}@{Path(device).stat().st_ctime_ns}"
+        except OSError:
+            return device  # gone meanwhile: opening it will say so
+    return device
+
+
 def in_use(path: str) -> str:
     """That another program has a device, which one, and what helps."""
     pid, words = _holder(path)
@@ -113,7 +131,7 @@ def in_use(path: str) -> str:
 
 def _holder(path: str) -> tuple[int | None, str]:
     """Pid and command line of the program that has a device, as far as they can be known."""
-    name = _lock_name(os.path.realpath(path))
+    name = _lock_name(_identity(path))
     for folder in runtime_dirs(os.geteuid()):
         pid = _lock_holder(folder / name)
         if pid is not None:

@@ -156,3 +156,21 @@ def test_without_a_safe_folder_nothing_is_opened(runtime_folder: Path, device: s
     runtime_folder.chmod(0o777)
     with pytest.raises(BusClosed, match=r"cannot be locked.*mode 777.*remedy: "):
         BlockingPort(device, 500_000).open()
+
+
+def test_the_number_of_a_pseudo_terminal_that_is_gone_is_nobodys() -> None:
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    old = DeviceClaim(name)
+    old.take()
+    os.close(slave)
+    os.close(master)
+    master, slave = os.openpty()  # the lowest number that is free: mostly the same again
+    try:
+        with DeviceClaim(os.ttyname(slave)):
+            assert len(held_devices()) == 2
+    finally:
+        old.release()
+        os.close(slave)
+        os.close(master)
+    assert held_devices() == ()
