@@ -11,6 +11,8 @@ import fcntl
 import os
 import struct
 import sys
+import weakref
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -48,8 +50,7 @@ class DeviceClaim:
 
     def __init__(self, path: str) -> None:
         self._path = path
-        self._fd = -1
-        self._device = ""
+        self._let_go: weakref.finalize[..., DeviceClaim] | None = None
 
     def take(self) -> None:
         """Take it, or keep it. A device that is not there is nobody's: opening it will say so.
@@ -59,7 +60,7 @@ class DeviceClaim:
         BusClosed
             Another program has it, or there is no safe folder for the lock.
         """
-        if self._fd >= 0 or not Path(self._path).exists():
+        if self._taken or not Path(self._path).exists():
             return
         device = _identity(self._path)
         if device in _held:
@@ -67,7 +68,7 @@ class DeviceClaim:
                 f"{self._path} cannot be opened: this program has it already (as {_held[device]}); "
                 "remedy: name another device"
             )
-        fd = self._open_lock(device)
+        lock, fd = self._open_lock(device)
         try:
             fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as wrong:
@@ -75,19 +76,19 @@ class DeviceClaim:
             raise BusClosed(f"{self._path} cannot be opened: {in_use(self._path)}") from wrong
         os.ftruncate(fd, 0)
         os.write(fd, f"{os.getpid()} {_own_words()}\n".encode())
-        self._fd, self._device = fd, device
         _held[device] = self._path
+        # A port that is dropped without being closed closes its device all the same; the claim goes with it.
+        self._let_go = weakref.finalize(self, _let_go, device, lock, fd)
+        self._let_go.atexit = False  # the end of the process does it, and that of a forked child must not
 
     def release(self) -> None:
         """Give it back. Safe to call twice."""
-        if self._fd < 0:
-            return
-        if self._device.startswith(_PSEUDO_TERMINALS):  # nobody will come to this name again
-            (runtime_dir() / _lock_name(self._device)).unlink(missing_ok=True)
-        # Any other file stays: who removes a file that another is about to lock lets two in.
-        os.close(self._fd)
-        self._fd = -1
-        _held.pop(self._device, None)
+        if self._let_go is not None:
+            self._let_go()
+
+    @property
+    def _taken(self) -> bool:
+        return self._let_go is not None and self._let_go.alive
 
     def __enter__(self) -> Self:
         self.take()
@@ -98,12 +99,21 @@ class DeviceClaim:
     ) -> None:
         self.release()
 
-    def _open_lock(self, device: str) -> int:
+    def _open_lock(self, device: str) -> tuple[Path, int]:
         try:
             path = runtime_dir() / _lock_name(device)
-            return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            return path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         except (FileError, OSError) as wrong:
             raise BusClosed(f"{self._path} cannot be locked for this program alone: {wrong}") from wrong
+
+
+def _let_go(device: str, lock: Path, fd: int) -> None:
+    if device.startswith(_PSEUDO_TERMINALS):  # nobody will come to this name again
+        with suppress(OSError):
+            lock.unlink()
+    # Any other file stays: who removes a file that another is about to lock lets two in.
+    os.close(fd)
+    _held.pop(device, None)
 
 
 def _identity(path: str) -> str:

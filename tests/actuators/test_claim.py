@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pty
 import signal
@@ -110,6 +111,18 @@ def test_in_one_program_a_device_is_opened_once(device: str) -> None:
     first.close()
     second.open()
     second.close()
+
+
+@pytest.mark.parametrize("make", PORTS)
+def test_a_port_that_is_forgotten_lets_go(device: str, make: Callable[[str, int], BlockingPort | SerialPort]) -> None:
+    port = make(device, 500_000)
+    port.open()
+    assert held_devices() == (device,)
+    del port
+    gc.collect()
+    assert held_devices() == ()
+    with DeviceClaim(device):
+        pass
 
 
 def test_a_child_made_by_fork_keeps_nothing(device: str) -> None:
