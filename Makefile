@@ -1,10 +1,10 @@
-# make demo | figures | test | bench | install | lint | clean
+# make demo | figures | test | campaign | bench | install | lint | clean
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo figures install firmware-tools test test-fast bench lint clean
+.PHONY: demo figures install firmware-tools test test-fast campaign bench lint clean
 
 demo: install
 	$(BIN)/ori-deploy demo
@@ -35,6 +35,10 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Every fault in every stage on every backend, then an hour's soak in simulated time; some 40 minutes.
+campaign: install firmware-tools
+	$(BIN)/python -m tests.campaign
 
 bench: install firmware-tools
 	$(BIN)/python -m benchmarks

@@ -79,6 +79,29 @@ def test_a_fault_stops_the_motion_along_the_path_in_time_and_is_named(name: str,
     assert at_rest <= 2
 
 
+@pytest.mark.parametrize("spoil", ["mute", "corrupt"])
+@pytest.mark.parametrize("fold", [0.2, 0.5, 0.8])
+def test_silence_is_at_rest_within_50_ms(spoil: str, fold: float) -> None:
+    """From the moment of the first reply that is missing to the cycle whose goals rest."""
+    b = under_way(fold)
+    begin = b.clock.now()
+    MOTION_FAULTS[spoil][0](b)
+    b.controller.run()
+    resting = next(record for record in b.records if record.time_s >= begin and record.rate == 0.0)
+    assert resting.time_s - begin <= 0.05 + 1e-9
+
+
+@pytest.mark.parametrize("fold", [0.2, 0.5, 0.8])
+def test_a_stall_is_at_rest_within_100_ms(fold: float) -> None:
+    b = under_way(fold, controller={"path_tolerance_rad": 0.05})
+    b.bus.jam("servo_c2")
+    result = b.controller.run()
+    assert result.outcome is Outcome.PATH_TOLERANCE
+    assert result.fault is not None
+    resting = next(r for r in b.records if r.time_s >= result.fault.time_s and r.rate == 0.0)
+    assert resting.time_s - result.fault.time_s <= 0.1 + 1e-9
+
+
 PAUSES: dict[str, tuple[Callable[[Bench], object], Callable[[Bench], object], FaultKind, str]] = {
     "overheat": (
         lambda b: b.bus.overheat("servo_c4", 75.0),
