@@ -13,7 +13,7 @@ from ori_deploy.actuators.mcu.line import McuLine
 from ori_deploy.actuators.mcu.port import SerialPort
 from ori_deploy.actuators.mcu.startup import find_device
 from ori_deploy.clock import Clock
-from ori_deploy.wire.mcu import Disable, FaultClear, Info, State, dialect
+from ori_deploy.wire.mcu import Disable, FaultClear, Info, LatchCommand, State, dialect
 
 BENCH_TIMEOUT_S = 0.1
 """How late an answer may come at the bench, where nobody is in a hurry."""
@@ -46,6 +46,11 @@ class Board:
         assert state is not None
         return state
 
+    def hinges_on(self) -> tuple[str, ...]:
+        """Hinges that are on."""
+        mask = self.state().outputs_on
+        return tuple(self.naming.hinge(k) for k in range(self.info.hinges) if mask >> k & 1)
+
 
 @contextmanager
 def board(
@@ -67,13 +72,20 @@ def board(
     serial = SerialPort(port, baud)
     serial.open()
     try:
-        line = McuLine(serial, clock, BENCH_TIMEOUT_S)
-        info = find_device(line, clock, boot_wait_s)
-        # Turns nothing off, and is answered whatever the token was that another program used last.
-        line.command(lambda token: Disable(token, 0), "greeting")
-        yield Board(line, info, Naming(*names, f"ori-deploy mcu clear-fault --port {port}", read_device(line)))
+        yield board_on(McuLine(serial, clock, BENCH_TIMEOUT_S), clock, boot_wait_s, *names)
     finally:
         serial.close()
+
+
+def board_on(
+    line: McuLine, clock: Clock, boot_wait_s: float, hinges: Sequence[str] = (), latches: Sequence[str] = ()
+) -> Board:
+    """The device on a line. Raises `BusTimeout` when there is none."""
+    info = find_device(line, clock, boot_wait_s)
+    # Turns nothing off, and is answered whatever the token was that another program used last.
+    line.command(lambda token: Disable(token, 0), "greeting")
+    clear = f"ori-deploy mcu clear-fault --port {line.port.path}"
+    return Board(line, info, Naming(hinges, latches, clear, read_device(line)))
 
 
 def firmware_version(info: Info) -> str:
@@ -95,6 +107,31 @@ def fault_words(state: State, naming: Naming) -> str:
 def _alone(wrong: ActuatorFault) -> str:
     """Without the microcontroller's name, where everything is about it."""
     return str(wrong).removeprefix(f"{WHOLE}: ")
+
+
+def release(found: Board, *, with_latches: bool) -> tuple[str, ...]:
+    """Turn every hinge off, and with the latches let those go that are engaged. Returns these.
+
+    Raises
+    ------
+    CommandRefused
+        Something moves.
+    """
+    every = (1 << found.info.hinges) - 1
+    ack = found.line.command(lambda token: Disable(token, every), "torque off")
+    if ack.result != dialect.ORI_ACCEPTED:
+        raise refusal(ack, "torque stays on", WHOLE, found.naming)
+    if not with_latches:
+        return ()
+    latches = found.line.poll_patiently(dialect.ORI_POLL_LATCHES).latches
+    assert latches is not None
+    engaged = [k for k in range(found.info.latches) if latches.commanded >> k & 1]
+    for k in engaged:
+        what = f"{found.naming.latch(k)} is not released"
+        ack = found.line.command(lambda token, k=k: LatchCommand(token, k, 0), what)  # type: ignore[misc]
+        if ack.result != dialect.ORI_ACCEPTED:
+            raise refusal(ack, what, found.naming.latch(k), found.naming)
+    return tuple(found.naming.latch(k) for k in engaged)
 
 
 def clear_fault(found: Board) -> str | None:

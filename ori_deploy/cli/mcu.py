@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
 
 import click
 
@@ -17,90 +13,16 @@ from ori_deploy.actuators.claim import DeviceClaim
 from ori_deploy.actuators.mcu.configure import read_config, write_config
 from ori_deploy.actuators.mcu.faults import state_name
 from ori_deploy.actuators.mcu.records import Record, config_hash, records
-from ori_deploy.actuators.mcu.settings import McuSettings
-from ori_deploy.actuators.rig import load_rig
-from ori_deploy.bench.board import (
-    BOOT_WAIT_S,
-    Board,
-    board,
-    clear_fault,
-    fault_words,
-    firmware_version,
-    reset_cause,
-)
-from ori_deploy.cli.bus_common import IN, adapters, example, tell_json
+from ori_deploy.bench.board import clear_fault, fault_words, firmware_version, reset_cause
+from ori_deploy.cli.bus_common import IN, example, tell_json
 from ori_deploy.cli.frame import EXIT_NOT_DONE
-from ori_deploy.cli.mcu_monitor import watch
-from ori_deploy.cli.session import rig_for
-from ori_deploy.clock import MonotonicClock
-from ori_deploy.errors import InputError, RigError
-from ori_deploy.files import load_plan
+from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
+from ori_deploy.cli.mcu_monitor import Shown, watch
+from ori_deploy.cli.mcu_motion import jog, torque_off
+from ori_deploy.errors import InputError
 
-DEFAULT_BAUD = 500_000
 BOOTLOADER_BAUD = 115_200
 HEX = Path("firmware") / "build" / "ori_atmega2560.hex"
-
-_F = TypeVar("_F", bound=Callable[..., Any])
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    port: str
-    baud: int
-    boot_wait_s: float
-
-    @contextmanager
-    def opened(self) -> Iterator[Board]:
-        with board(self.port, self.baud, MonotonicClock(), self.boot_wait_s) as found:
-            yield found
-
-
-def _place(port: str | None, baud: int | None, settings: McuSettings | None) -> _Place:
-    """What was said, else what the rig says, else the only board there is."""
-    if port is None and settings is None:
-        port = _only_board()
-    return _Place(
-        port or (settings.port if settings else ""),
-        baud or (settings.baud if settings else DEFAULT_BAUD),
-        settings.boot_wait_s if settings else BOOT_WAIT_S,
-    )
-
-
-def _only_board() -> str:
-    found = adapters()
-    if len(found) == 1:
-        return found[0]
-    raise InputError(
-        "--port: which one?" if found else "--port: no board is plugged in",
-        value=", ".join(found) or None,
-        limit="the only one is taken without asking",
-        remedy=f"give --port, for example --port {found[0]}" if found else "plug it in, or give --port",
-    )
-
-
-def _settings(rig_file: Path | None) -> McuSettings | None:
-    if rig_file is None:
-        return None
-    rig = load_rig(rig_file)
-    if rig.mcu is None:
-        raise RigError(
-            "no microcontroller here", value=f'backend = "{rig.backend}"', limit="a table [mcu]",
-            remedy="give another rig, or --port", source=rig.source,
-        )  # fmt: skip
-    return rig.mcu
-
-
-def _where_options(command: _F) -> _F:
-    for option in reversed(
-        (
-            click.option("--port", help="Device.  [default: the rig's, else the only board]"),
-            click.option("--baud", type=int, help=f"Rate.  [default: the rig's, else {DEFAULT_BAUD}]"),
-            click.option("--rig", "rig_file", type=IN, help="Rig file to take port and rate from."),
-            click.option("--json", "as_json", is_flag=True, help="Answer with one JSON document."),
-        )
-    ):
-        command = option(command)
-    return command
 
 
 @click.group(epilog=example("ori-deploy mcu info --port /dev/ttyACM0"))
@@ -109,10 +31,10 @@ def mcu() -> None:
 
 
 @mcu.command(epilog=example("ori-deploy mcu info --port /dev/ttyACM0"))
-@_where_options
-def info(port: str | None, baud: int | None, rig_file: Path | None, as_json: bool) -> None:
+@where_options
+def info(port: str | None, rig_file: Path | None, plan_file: Path | None, as_json: bool) -> None:
     """Tell what the device is, how it is, and what it is configured for. Nothing is changed."""
-    with _place(port, baud, _settings(rig_file)).opened() as found:
+    with looked_up(port, rig_file, plan_file).opened() as found:
         state, config = found.state(), read_config(found.line)
         document = {
             "port": found.line.port.path,
@@ -122,7 +44,7 @@ def info(port: str | None, baud: int | None, rig_file: Path | None, as_json: boo
             "last_start": reset_cause(found.info),
             "state": state_name(state.state),
             "fault": fault_words(state, found.naming),
-            "supply_v": round(1e-3 * state.supply_mv, 3),
+            "supply_v": round(1e-3 * state.supply_mv, 3) if config else None,
             "config_hash": f"{found.info.config_hash:08x}" if config else None,
             "hinges": found.info.hinges,
             "latches": found.info.latches,
@@ -131,7 +53,8 @@ def info(port: str | None, baud: int | None, rig_file: Path | None, as_json: boo
             tell_json({**document, "config": [_record_json(record) for record in config]})
             return
         for key, value in document.items():
-            click.echo(f"{key.replace('_', ' '):12} {'-' if value is None else value}")
+            missing = "not configured" if key == "supply_v" else "-"  # without its divider nobody can tell
+            click.echo(f"{key.replace('_', ' '):12} {missing if value is None else value}")
 
 
 def _record_json(record: Record) -> dict[str, object]:
@@ -150,11 +73,9 @@ def config(rig_file: Path, plan_file: Path, port: str | None, check: bool, as_js
 
     Every hinge and latch has to be off. The device takes no other limits from anybody until this is done again.
     """
-    rig = rig_for(rig_file, load_plan(plan_file))
-    if rig.mcu is None:
-        raise RigError("no microcontroller here", limit="a table [mcu]", remedy="give another rig", source=rig.source)
-    wanted = records(rig.mcu)
-    with _place(port, None, rig.mcu.settings).opened() as found:
+    wiring, _ = wiring_of(rig_file, plan_file)
+    wanted = records(wiring)
+    with place(port, wiring.settings, wiring).opened() as found:
         found_hash = found.info.config_hash
         same = found_hash == config_hash(wanted)
         if not same and not check:
@@ -180,22 +101,28 @@ def config(rig_file: Path, plan_file: Path, port: str | None, check: bool, as_js
 
 
 @mcu.command(epilog=example("ori-deploy mcu monitor --rate 10 --port /dev/ttyACM0"))
-@_where_options
+@where_options
 @click.option("--rate", "rate_hz", type=click.FloatRange(0.1, 50.0), default=5.0, show_default=True, metavar="HZ")
 @click.option("--count", type=click.IntRange(1), help="Stop after so many; without it, Ctrl-C does.")
 def monitor(
-    port: str | None, baud: int | None, rig_file: Path | None, as_json: bool, rate_hz: float, count: int | None
+    port: str | None,
+    rig_file: Path | None,
+    plan_file: Path | None,
+    as_json: bool,
+    rate_hz: float,
+    count: int | None,
 ) -> None:
     """Show hinges, latches, queue and supply until Ctrl-C. With --json, one document per line."""
-    with _place(port, baud, _settings(rig_file)).opened() as found:
-        watch(found, rate_hz, count, as_json=as_json)
+    where = looked_up(port, rig_file, plan_file)
+    with where.opened() as found:
+        watch(Shown(found, read_config(found.line), where.thermistor), rate_hz, count, as_json=as_json)
 
 
 @mcu.command("clear-fault", epilog=example("ori-deploy mcu clear-fault --port /dev/ttyACM0"))
-@_where_options
-def clear_fault_command(port: str | None, baud: int | None, rig_file: Path | None, as_json: bool) -> None:
+@where_options
+def clear_fault_command(port: str | None, rig_file: Path | None, plan_file: Path | None, as_json: bool) -> None:
     """Forget the fault that the device has latched, if its cause is gone. Nothing moves because of it."""
-    with _place(port, baud, _settings(rig_file)).opened() as found:
+    with looked_up(port, rig_file, plan_file).opened() as found:
         name = clear_fault(found)
     if as_json:
         tell_json({"cleared": name})
@@ -223,3 +150,7 @@ def flash(port: str, image: Path) -> None:
             f"avrdude ended with status {done.returncode}; remedy: read what it says above, check port and cable"
         )
     click.echo(f"{port}: {image.name} written and verified")
+
+
+mcu.add_command(jog)
+mcu.add_command(torque_off)

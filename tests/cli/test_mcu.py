@@ -117,14 +117,14 @@ def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: P
         assert (told["state"], told["hinges"], told["latches"]) == ("idle", 4, 1)
         assert [record["record"] for record in told["config"]] == ["device", *["hinge"] * 4, "latch"]
         one.open_wire(2)
-        time.sleep(0.1)
+        time.sleep(0.5)
         shown = json.loads(mcu("monitor", "--count", "1", "--json", cwd=tmp_path).stdout)
         assert [hinge["measured_rad"] is None for hinge in shown["hinges"]] == [False, False, True, False]
         assert "open wire" in mcu("monitor", "--count", "1", cwd=tmp_path).stdout
         assert "no fault" in mcu("clear-fault", cwd=tmp_path).stdout
         one.wire(2, "good")
         one.estop()
-        time.sleep(0.1)
+        time.sleep(0.5)
         refused = mcu("clear-fault", cwd=tmp_path)
         assert refused.returncode == 1
         assert refused.stderr.count("emergency stop") == refused.stderr.count("remedy: ") == 1
@@ -134,8 +134,48 @@ def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: P
         for word in ("microcontroller: ", "emergency stop", "remedy: ", "ori-deploy mcu clear-fault --port "):
             assert refused.stderr.count(word) == 1, refused.stderr
         one.estop(False)
-        time.sleep(0.1)
+        time.sleep(0.5)
         assert "cleared: estop" in mcu("clear-fault", cwd=tmp_path).stdout
+
+
+def test_the_monitor_names_what_it_shows_and_one_servo_is_turned(made: Path, tmp_path: Path) -> None:
+    rig = ("--rig", made / "rig.toml", "--plan", made / "wing.plan.json")
+    jog = ("jog", made / "rig.toml", "--plan", made / "wing.plan.json", "servo_1")
+    with board(made, tmp_path) as one:
+        assert "supply not configured" in mcu("monitor", "--count", "1", cwd=tmp_path).stdout
+        assert "not configured" in mcu("info", cwd=tmp_path).stdout
+        assert json.loads(mcu("info", "--json", cwd=tmp_path).stdout)["supply_v"] is None
+        assert "configuration is not the rig's" in mcu(*jog, "--by", "0.1", "--yes", cwd=tmp_path).stderr
+        configure(made, tmp_path)
+        page = mcu("monitor", "--count", "1", *rig, cwd=tmp_path).stdout
+        for word in ("servo_4 ", "latch_slit:P-T2 ", "25.0 °C", "e-stop free", "supply 6.0"):
+            assert word in page
+        shown = json.loads(mcu("monitor", "--count", "1", "--json", *rig, cwd=tmp_path).stdout)
+        assert shown["hinges"][0]["count"] == pytest.approx(145, abs=2)  # as in the page's table
+        assert shown["hinges"][0]["name"] == "servo_1"
+        assert shown["latches"][0]["name"] == "latch_slit:P-T2"
+        assert shown["temperature_c"] == pytest.approx(25.0, abs=0.1)
+        assert shown["estop"] is False
+        before = one.truth().shaft_rad
+        done = mcu(*jog, "--by", "0.1", cwd=tmp_path)
+        assert done.returncode == 1
+        assert "not confirmed" in done.stderr
+        done = mcu(*jog, "--by", "0.1", "--yes", "--json", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        told = json.loads(done.stdout)
+        assert told["holds"]
+        assert told["arrived"]
+        np.testing.assert_allclose(np.subtract(one.truth().shaft_rad, before), [0.1, 0.0, 0.0, 0.0], atol=0.02)
+        done = mcu("torque-off", *rig, cwd=tmp_path)
+        assert done.returncode == 1
+        assert "servo_1 holds up falls" in done.stderr
+        assert mcu("torque-off", *rig, "--yes", cwd=tmp_path).stdout.startswith("off: servo_1")
+        assert "no hinge was on" in mcu("torque-off", *rig, "--yes", cwd=tmp_path).stdout
+        one.estop()
+        time.sleep(0.5)
+        shown = json.loads(mcu("monitor", "--count", "1", "--json", *rig, cwd=tmp_path).stdout)
+        assert (shown["estop"], shown["fault"]) == (True, "estop")
+        assert "nothing moves" in mcu(*jog, "--by", "0.1", "--yes", cwd=tmp_path).stderr
 
 
 def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made: Path, tmp_path: Path) -> None:
@@ -157,6 +197,11 @@ def test_what_cannot_be_is_one_line(made: Path, tmp_path: Path) -> None:
     for words, status, told in (
         (("mcu", "info", "--port", "nowhere"), 1, "nowhere cannot be opened"),
         (("mcu", "info", "--rig", EXAMPLES / "rig_mock.toml"), 2, "a table [mcu]"),
+        (
+            ("mcu", "info", "--port", "nowhere", "--baud", "115200"),
+            2,
+            "115200 is no rate of the firmware; limit: 500000",
+        ),
         (("mcu", "flash", "--port", "x", "--hex", "no.hex"), 2, "make -C firmware"),
         (("mcu", "config", EXAMPLES / "rig_mock.toml", "--plan", made / "wing.plan.json"), 2, "rate_hz"),
     ):
