@@ -53,14 +53,14 @@ class DeviceClaim:
         self._let_go: weakref.finalize[..., DeviceClaim] | None = None
 
     def take(self) -> None:
-        """Take it, or keep it. A device that is not there is nobody's: opening it will say so.
+        """Take it, or keep it. What is no device is nobody's: opening it will say so.
 
         Raises
         ------
         BusClosed
             Another program has it, or there is no safe folder for the lock.
         """
-        if self._taken or not Path(self._path).exists():
+        if self._taken or not Path(self._path).is_char_device():
             return
         device = _identity(self._path)
         if device in _held:
