@@ -211,7 +211,7 @@ def carry_out(
     recording = flight_recorder(log_path, plan_path, rig_path, plan, rig, clock)
     with (
         StopRequest() as stop,
-        Live(plan, rig) as live,
+        Live(rig, real=real) as live,
         recording as recorder,
         controller_for(plan, rig, bus, clock, (live,), recorder) as controller,
     ):
