@@ -1,4 +1,4 @@
-"""What happened in a run, and when: changes of state, latches, faults."""
+"""What happened in a run, and when: changes of state, latches, faults, and commands that changed no state."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class RunEvent:
     time_s
         Since the run's first cycle.
     what
-        "state", "fault", or what a latch did: "latch confirmed", "latch engaged", "latch released",
+        "state", "fault", "command", or what a latch did: "latch confirmed", "latch engaged", "latch released",
         "latch not confirmed", "latch fault".
     thing
-        The latch or the fault's kind; for states the new one.
+        The latch, the fault's kind, or the command; for states the new one.
     detail
         For people.
     """
@@ -35,10 +35,12 @@ class RunEvent:
         return self.what == "latch confirmed"
 
     @property
-    def kind(self) -> Literal["state", "latch", "fault"]:
+    def kind(self) -> Literal["state", "latch", "fault", "command"]:
         """What to colour it by."""
         if self.what == "state":
             return "state"
+        if self.what == "command":
+            return "command"
         return "fault" if "fault" in self.what else "latch"
 
     @property
@@ -49,8 +51,8 @@ class RunEvent:
 
 def run_events(run: Run) -> tuple[RunEvent, ...]:
     """All of them in the order of time; a cause before its effect."""
-    order = {"latch": 0, "fault": 1, "state": 2}
-    events = (*latch_events(run), *fault_events(run), *_state_events(run))
+    order = {"command": 0, "latch": 1, "fault": 2, "state": 3}
+    events = (*_command_events(run), *latch_events(run), *fault_events(run), *_state_events(run))
     return tuple(sorted(events, key=lambda e: (e.time_s, order[e.kind])))
 
 
@@ -59,6 +61,26 @@ def _state_events(run: Run) -> list[RunEvent]:
     return [
         RunEvent(max(t.time_s - start, 0.0), "state", str(t.target), f"{t.source} → {t.target} ({t.event})")
         for t in run.transitions
+    ]
+
+
+_DRIVING = frozenset({"run", "close"})
+"""Calls of whoever drives the controller, not words of an operator."""
+
+
+def _command_events(run: Run) -> list[RunEvent]:
+    """Commands that no change of state tells of: those that were refused, and those that change something else."""
+    start = float(run.time_s[0])
+    told = {str(t.event) for t in run.transitions} | _DRIVING
+    return [
+        RunEvent(
+            max(c["time_s"] - start, 0.0),
+            "command",
+            c["command"],
+            f"{c['outcome']}{': ' if c['detail'] else ''}{c['detail']} {c['arguments'].strip('{}')}".strip(),
+        )
+        for c in run.commands
+        if c["outcome"] != "done" or c["command"] not in told
     ]
 
 

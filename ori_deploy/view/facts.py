@@ -229,11 +229,25 @@ def run_facts(run: Run) -> tuple[Fact, ...]:
         ),
         Fact("largest spread of fold", _known(s.largest_spread, ".4f"), "between any two cells, measured"),
         Fact("overruns", str(s.overruns), f"worst lateness {1e3 * s.worst_lateness_s:.2f} ms"),
+        *_timing_facts(run),
         Fact("lost replies", str(s.lost_replies)),
         Fact("hottest", _known(s.hottest_c, ".1f", " °C")),
         Fact("lowest supply", _known(s.lowest_v, ".2f", " V")),
     ]
     return tuple(facts)
+
+
+def _timing_facts(run: Run) -> list[Fact]:
+    """Where a cycle's time went, and what of it was lost to the log."""
+    if not run.timing:
+        return []
+    parts = {name: 1e3 * run.timing[f"{name}_s"] for name in ("read", "decide", "send", "record")}
+    worst = float(np.max(sum(parts.values())))
+    told = ", ".join(f"{name} {np.median(values):.2f}" for name, values in parts.items())
+    return [
+        Fact("work of a cycle", f"{worst:.2f} ms at most", f"medians in ms: {told}"),
+        Fact("records dropped", str(run.dropped), "by a recorder that was too far behind" if run.dropped else ""),
+    ]
 
 
 def _known(value: float, form: str, unit: str = "") -> str:
@@ -295,5 +309,15 @@ def provenance_facts(
             Fact("seed", str(run.info["seed"]), "of simulated servos"),
             Fact("controller's version", str(run.info["version"])),
         ]
+        if run.versions:
+            v = run.versions
+            facts.append(
+                Fact(
+                    "ran on",
+                    f"Python {v.get('python')}, numpy {v.get('numpy')}, {v.get('clock')} clock",
+                    f"{v.get('platform')}, {v.get('processors')} processors, scheduling {v.get('scheduling')}; "
+                    f"begun {v.get('begun_utc')}",
+                )
+            )
     facts.append(Fact("report's version", version))
     return tuple(facts), tuple(warnings)

@@ -8,6 +8,7 @@ from typing import Literal
 from ori_deploy.deploy.result import Fault, MotionResult, Outcome
 from ori_deploy.deploy.states import State
 from ori_deploy.motion.plan import Plan
+from ori_deploy.telemetry.log import CLOSED
 from ori_deploy.telemetry.read import Run
 
 Tone = Literal["good", "bad", "neutral"]
@@ -58,8 +59,11 @@ def _judged(plan: Plan | None, run: Run | None) -> Verdict:
     for result in run.results:
         reasons += [f"Recording failed during {result.command}: {e}" for e in result.observer_errors]
     final = run.state[-1]
+    if run.dropped:
+        reasons.append(f"{run.dropped} records were dropped: the recorder was too far behind, the log has gaps.")
     if not run.complete:
-        reasons.append(f"The log was cut off in state {final}: what came after is not known.")
+        why = "" if run.ending in ("", CLOSED) else f" ({run.ending})"
+        reasons.append(f"The log was cut off in state {final}{why}: what came after is not known.")
     if not run.results:
         return Verdict("bad", f"No result recorded: the log ends in state {final}", tuple(reasons))
     good = _is_done(run.results[-1]) and final != State.FAULT and run.complete
