@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -60,7 +61,7 @@ def virtual(plan: Path, folder: Path, start: Start = "stowed", rig: Path = RIG) 
 def begin(plan: Path, folder: Path, rig: Path = RIG) -> subprocess.Popen[str]:
     """A deployment in the middle of its motion, where every servo turns."""
     command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(plan), "--rig", str(rig)]
-    command += ["--port", str(folder / "ttyDXL")]
+    command += ["--port", str(folder / "ttyDXL"), "--log", "flight.mcap"]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     for line in process.stdout:
@@ -74,6 +75,12 @@ def end(process: subprocess.Popen[str]) -> str:
     _, errors = process.communicate(timeout=60)
     assert "Traceback" not in errors
     return errors
+
+
+def is_decided_the_same_again(log: Path) -> None:
+    done = run("replay", log, "--json", cwd=log.parent)
+    assert done.returncode == 0, done.stdout
+    assert json.loads(done.stdout)["cycles"] == len(read_run(log).time_s)
 
 
 def shafts(bus: VirtualBus) -> np.ndarray:
@@ -105,6 +112,7 @@ def test_the_wing_deploys_and_stows_by_the_two_commands_of_the_example(plan: Pat
             simulator.terminate()
     assert simulator.returncode == 0
     assert not list((tmp_path / "out").iterdir())
+    is_decided_the_same_again(tmp_path / "run.mcap")
     log = read_run(tmp_path / "run.mcap")
     assert np.nanmax(log.fold) > 0.98
 
@@ -136,6 +144,7 @@ def test_kill_9_stops_every_servo_and_the_next_session_knows_where_it_is(
         os.kill(process.pid, signal.SIGKILL)
         assert min(killed - servo.moved_s for servo in moving.values()) < 0.05
         process.communicate(timeout=10)
+        is_decided_the_same_again(tmp_path / "flight.mcap")
         time.sleep(0.5)
         truth = bus.truth()
         assert all(servo.frozen and servo.torque_on for servo in truth.values())
@@ -163,6 +172,7 @@ def test_a_signal_brings_real_servos_to_rest_and_leaves_them_holding(
         truth = bus.truth()
         assert all(servo.torque_on and not servo.frozen for servo in truth.values())
         assert all(bus.register(i, "bus_watchdog") == 0 for i in truth)
+    is_decided_the_same_again(tmp_path / "flight.mcap")
 
 
 @pytest.mark.slow
@@ -201,6 +211,7 @@ def test_faults_on_the_way_are_typed_and_name_the_servo(
         assert "Traceback" not in errors
         for word in words:
             assert word in output, output
+    is_decided_the_same_again(tmp_path / "flight.mcap")
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ import pytest
 from sim_backends.microcontroller.build import Port
 from sim_backends.microcontroller.from_rig import Start, world_for_files
 from sim_backends.microcontroller.launcher import Microcontroller
-from tests.cli.test_dynamixel import EXAMPLES, end, run
+from tests.cli.test_dynamixel import EXAMPLES, end, is_decided_the_same_again, run
 from tests.sim_backends.microcontroller.bench import need
 
 RIG = EXAMPLES / "rig_wing_mcu.toml"
@@ -92,13 +92,14 @@ def test_the_wing_deploys_by_the_commands_of_the_example(made: Path, tmp_path: P
                 done = run(*line.removeprefix("ori-deploy ").split(), cwd=tmp_path)
                 assert done.returncode == 0, done.stderr
             assert "state deployed" in done.stdout
-            done = run("stow", *text[-1].split()[2:], cwd=tmp_path)
+            done = run("stow", *text[-1].split()[2:], "--log", "stow.mcap", cwd=tmp_path)
             assert done.returncode == 0, done.stderr
             assert "state stowed" in done.stdout
         finally:
             simulator.terminate()
     assert simulator.returncode == 0
     assert not list((tmp_path / "out").iterdir())
+    is_decided_the_same_again(tmp_path / "stow.mcap")
 
 
 def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: Path) -> None:
@@ -231,7 +232,7 @@ def test_the_configuration_outlasts_power_and_another_rig_is_refused(made: Path,
 def begin(made: Path, folder: Path) -> subprocess.Popen[str]:
     """A deployment in the middle of its motion."""
     command = [sys.executable, "-u", "-m", "ori_deploy.cli", "deploy", str(made / "wing.plan.json")]
-    command += ["--rig", str(made / "rig.toml"), "--port", str(folder / "ttyMCU")]
+    command += ["--rig", str(made / "rig.toml"), "--port", str(folder / "ttyMCU"), "--log", "flight.mcap"]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     for line in process.stdout:
@@ -259,6 +260,7 @@ def test_kill_9_ends_in_hold_in_time_and_the_next_session_has_to_clear_it(made: 
             assert changes[-1] <= killed_s + SILENCE_S + FRAME_S
             assert mine.time_s[-1] > killed_s + SILENCE_S + 0.2  # and holds
         assert one.truth().latches == latches
+        is_decided_the_same_again(tmp_path / "flight.mcap")
         refused = motion("deploy", made, tmp_path)
         assert refused.returncode == 1
         assert "host silent" in refused.stderr or "heard nothing" in refused.stderr
@@ -276,6 +278,7 @@ def test_ctrl_c_comes_to_rest_along_the_path_and_leaves_no_fault(made: Path, tmp
         errors = end(process)
         assert process.returncode == 130
         assert "interrupted: brought to rest along its path" in errors
+        is_decided_the_same_again(tmp_path / "flight.mcap")
         told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
         assert (told["state"], told["fault"]) == ("holding", "none")
         before = one.truth().shaft_rad
