@@ -51,6 +51,8 @@ def make_spec(
     start: Start,
     baud: int | None,
     firmware: int,
+    plant: Path | None = None,
+    loads: Path | None = None,
 ) -> BusSpec:
     """What the options describe; exactly one of servos, rig and spec."""
     given = [name for name, value in (("--servos", servos), ("--rig", rig), ("--spec", spec)) if value]
@@ -59,10 +61,14 @@ def make_spec(
             "what is on the bus", value=" and ".join(given) or "nothing", limit="one of --servos, --rig, --spec",
             remedy="give one of them",
         )  # fmt: skip
+    if plant is not None and rig is None:
+        raise InputError("--plant: which servo drives which crease", limit="a rig", remedy="give --rig and --plan")
+    if loads is not None and plant is None:
+        raise InputError("--loads: goes with --plant", remedy="add --plant DESIGN")
     if spec is not None:
         made = _load_spec(spec)
     elif rig is not None:
-        made = spec_for_files(rig, plan, start)
+        made = spec_for_files(rig, plan, start, plant, loads)
     else:
         made = BusSpec(servos=tuple(servo for text in servos for servo in parse_servos(text, firmware)))
     return made if baud is None else replace(made, baud=baud)
@@ -83,6 +89,8 @@ def _load_spec(path: Path) -> BusSpec:
 @click.option("--servos", multiple=True, metavar="IDS:MODEL", help="For example 1-12:xm430; repeatable.")
 @click.option("--rig", type=click.Path(path_type=Path, dir_okay=False), help="The servos of a rig file.")
 @click.option("--plan", type=click.Path(path_type=Path, dir_okay=False), help="With --rig: the structure's motion.")
+@click.option("--plant", type=click.Path(path_type=Path, dir_okay=False), help="With --plan: the design they drive.")
+@click.option("--loads", type=click.Path(path_type=Path, dir_okay=False), help="With --plant: its loads file.")
 @click.option("--start", type=click.Choice(["stowed", "deployed"]), default="stowed", show_default=True)
 @click.option("--spec", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="A specification in JSON.")
 @click.option("--baud", type=int, help="Rate of the servos.  [default: 1000000, or the rig's]")
@@ -96,6 +104,8 @@ def main(
     servos: tuple[str, ...],
     rig: Path | None,
     plan: Path | None,
+    plant: Path | None,
+    loads: Path | None,
     start: Start,
     spec: Path | None,
     baud: int | None,
@@ -112,9 +122,10 @@ def main(
     Examples:
       python -m sim_backends.dynamixel_bus --servos 1-12:xm430 --baud 4000000 --link /tmp/ttyDXL
       python -m sim_backends.dynamixel_bus --rig RIG --plan PLAN --link /tmp/ttyDXL
+      python -m sim_backends.dynamixel_bus --rig RIG --plan PLAN --plant DESIGN --link /tmp/ttyDXL
     """
     try:
-        made = make_spec(servos, rig, plan, spec, start, baud, firmware)
+        made = make_spec(servos, rig, plan, spec, start, baud, firmware, plant, loads)
         if wire_timing is not None:
             made = replace(made, wire_timing=wire_timing)
         if usb_latency_ms is not None:

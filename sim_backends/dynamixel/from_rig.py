@@ -13,6 +13,7 @@ from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import STOW_POINT, Latch, Rig, load_rig
 from ori_deploy.errors import InputError
 from sim_backends.dynamixel.spec import BusSpec, PinSpec, ServoSpec
+from sim_backends.plant_spec import PlantSpec
 
 Start = Literal["stowed", "deployed"]
 FloatArray = NDArray[np.float64]
@@ -25,6 +26,8 @@ def spec_from_rig(
     *,
     start: Start = "stowed",
     start_rad: ArrayLike | None = None,
+    plant: Path | None = None,
+    loads: Path | None = None,
 ) -> BusSpec:
     """A bus as a rig describes it.
 
@@ -38,6 +41,8 @@ def spec_from_rig(
         At which end the structure is found, its lock pins driven home there.
     start_rad
         (n_cells, 4) crease angles to start from instead, no pin driven home.
+    plant, loads
+        Design file that the servos drive, and loads file of it.
     """
     if rig.wiring is None:
         raise InputError("the rig has no Dynamixel servos", remedy='use one with backend = "dynamixel"')
@@ -66,7 +71,12 @@ def spec_from_rig(
             )
         )
         pins.append(_pin(pin.id, (engaged, released), latch, rig, ends[end]))
-    return BusSpec(servos=tuple(servos), baud=rig.wiring.settings.baud, pins=tuple(pins))
+    driven = None
+    if plant is not None:
+        angles = start_rad if start_rad is not None else stowed_rad if start == "stowed" else deployed_rad
+        stall = [servo.model.stall_torque_nm for servo in hinges]
+        driven = PlantSpec.of_rig(rig, plant.resolve(), None if loads is None else loads.resolve(), angles, stall)
+    return BusSpec(servos=tuple(servos), baud=rig.wiring.settings.baud, pins=tuple(pins), plant=driven)
 
 
 def _pin(servo_id: int, ends: tuple[float, float], latch: Latch, rig: ResolvedRig, closed: FloatArray) -> PinSpec:
@@ -80,11 +90,14 @@ def _pin(servo_id: int, ends: tuple[float, float], latch: Latch, rig: ResolvedRi
         hinge_ids=tuple(rig.wiring.hinges[k].id for k in matters),
         closed_rad=tuple(float(angle) for angle in closed[matters]),
         range_rad=tuple(float(angle) for angle in reach[matters]),
+        secures=latch.secures,
     )
 
 
-def spec_for_files(rig_file: Path, plan_file: Path | None, start: Start) -> BusSpec:
-    """The bus of a rig file; with a plan its structure stands at one end of the motion.
+def spec_for_files(
+    rig_file: Path, plan_file: Path | None, start: Start, plant: Path | None = None, loads: Path | None = None
+) -> BusSpec:
+    """The bus of a rig file; with a plan its structure stands at one end of the motion, with a plant it pulls back.
 
     Raises
     ------
@@ -93,12 +106,15 @@ def spec_for_files(rig_file: Path, plan_file: Path | None, start: Start) -> BusS
     """
     rig = load_rig(rig_file)
     if plan_file is None:
+        if plant is not None:
+            raise InputError("--plant: where the structure stands", limit="a plan", remedy="add --plan PLAN")
         return _spec_of_rig_alone(rig, rig_file)
     from ori_deploy.files import load_plan  # slow to import, and wanted for this alone
 
     plan = load_plan(plan_file)
     resolved = resolve_rig(rig, plan.cell_ids, plan.latch_points)
-    return spec_from_rig(resolved, plan.crease_angles_rad[0], plan.crease_angles_rad[-1], start=start)
+    ends = plan.crease_angles_rad[0], plan.crease_angles_rad[-1]
+    return spec_from_rig(resolved, *ends, start=start, plant=plant, loads=loads)
 
 
 def _spec_of_rig_alone(rig: Rig, source: Path) -> BusSpec:

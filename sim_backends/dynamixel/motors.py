@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.wire.dynamixel import model_named
 from sim_backends.dynamixel.spec import BusSpec, PinSpec
+from sim_backends.load import shaft_rates
 from sim_backends.mock_latches import GRIP_RAD, PIN_ENTRY
 
 FloatArray = NDArray[np.float64]
@@ -93,6 +94,9 @@ class Motors:
         self.moved_s = np.full(n, -np.inf)
         self._way_rad = self.shaft_rad.copy()  # of the profile generator
         self._way_rad_s = np.zeros(n)
+        self.plant = None if spec.plant is None else spec.plant.make()
+        self._driving = slice(0, 0 if spec.plant is None else len(spec.plant.names))
+        self._pull_nm = np.zeros(self._driving.stop)  # of the plant, with its sign
 
     @property
     def supply_v(self) -> FloatArray:
@@ -134,6 +138,9 @@ class Motors:
         error = self._way_rad - self.shaft_rad
         strong = self.limit_nm > self._load_nm  # a limit below the load leaves nothing to move with
         wish = np.clip(self._gain * error, -speed, speed) * (self.torque_on & strong)
+        if self.plant is not None:
+            strong[self._driving] = True
+            wish[self._driving] = self._rates(error)
         wanted = self.shaft_rad + STEP_S * wish
         lower, upper = self._bounds()
         # What stands outside (a crease that was pushed there) may come back, and no farther out.
@@ -145,8 +152,20 @@ class Motors:
         self.velocity_rad_s = (reached - self.shaft_rad) / STEP_S
         self.shaft_rad = reached
         self.output_rad = np.clip(self.output_rad, reached - self._play, reached + self._play)
+        if self.plant is not None:
+            reaction = self.plant.step(reached[self._driving], STEP_S)
+            self._pull_nm, self.output_rad[self._driving] = reaction.torque_nm, reaction.output_rad
+            self._load_nm[self._driving] = np.abs(self._pull_nm)
         self.moved_s[self.moving] = now
         self._electrics(error, blocked)
+
+    def _rates(self, error: FloatArray) -> FloatArray:
+        """Speeds of the servos that drive the plant."""
+        some = self._driving
+        fastest = self._no_load[some] * (self.supply_v[some] / self._nominal_v[some])
+        most = self.limit_nm[some] * self.torque_on[some]
+        wish = np.clip(self._gain[some] * error[some], -fastest, fastest) * self.torque_on[some]
+        return shaft_rates(wish, self._pull_nm, fastest, self.stall_nm[some], most)
 
     def _profile(self) -> None:
         """Trajectory of every servo: trapezoids within its profile velocity and acceleration."""
@@ -177,6 +196,10 @@ class Motors:
         lower, upper = self._stop_low.copy(), self._stop_high.copy()
         for pin in self._pins:
             pin.restrain(self.output_rad, lower, upper)
+        if self.plant is not None:  # it holds what a pin holds, and the shafts may wind up against it
+            self.plant.secure(pin.secures for pin in self._pins if pin.is_in(self.output_rad))
+            some = self._driving
+            lower[some], upper[some] = self._stop_low[some], self._stop_high[some]
         return lower, upper
 
     def _electrics(self, error: FloatArray, blocked: NDArray[np.bool_]) -> None:
@@ -198,12 +221,17 @@ class _Pin:
         self._released, self._engaged = spec.released_rad, spec.engaged_rad
         self._hinges = np.array([ids.index(hinge) for hinge in spec.hinge_ids], dtype=np.intp)
         self._closed, self._range = np.array(spec.closed_rad), np.array(spec.range_rad)
+        self.secures = spec.secures
+
+    def is_in(self, output: FloatArray) -> bool:
+        """Whether it is through its hole."""
+        travel = (output[self._servo] - self._released) / (self._engaged - self._released)
+        return bool(travel > PIN_ENTRY + 1e-9)
 
     def restrain(self, output: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
         """Narrow the bounds: a pin outside its hole stops there, hinges with the pin in stay."""
-        travel = (output[self._servo] - self._released) / (self._engaged - self._released)
         there = output[self._hinges]
-        if travel > PIN_ENTRY + 1e-9:
+        if self.is_in(output):
             closed, grip = self._closed, GRIP_RAD
             lower[self._hinges] = np.maximum(lower[self._hinges], np.minimum(there, closed - grip))
             upper[self._hinges] = np.minimum(upper[self._hinges], np.maximum(there, closed + grip))

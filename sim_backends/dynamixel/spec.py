@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from ori_deploy.errors import InputError
 from ori_deploy.wire.dynamixel import BAUD_CODES, MODELS, model_named
+from sim_backends.plant_spec import PlantSpec
 
 NEWEST_FIRMWARE = 48
 
@@ -88,6 +89,8 @@ class PinSpec:
         The servo and its two ends.
     hinge_ids, closed_rad, range_rad
         Servos whose creases the pin locks, where these have to stand, and how far off they may be.
+    secures
+        What it holds, as the rig names it.
     """
 
     servo_id: int
@@ -96,6 +99,7 @@ class PinSpec:
     hinge_ids: tuple[int, ...]
     closed_rad: tuple[float, ...]
     range_rad: tuple[float, ...]
+    secures: str = ""
 
     def __post_init__(self) -> None:
         if self.engaged_rad == self.released_rad:
@@ -136,6 +140,8 @@ class BusSpec:
         Inner resistance of the supply, and the surroundings.
     seed
         Of the noise in readings.
+    plant
+        What the first servos drive, instead of their `load_nm`; None for servos that know nothing of each other.
     """
 
     servos: tuple[ServoSpec, ...]
@@ -149,6 +155,7 @@ class BusSpec:
     supply_ohm: float = 0.02
     ambient_c: float = 23.0
     seed: int = 0
+    plant: PlantSpec | None = None
 
     def __post_init__(self) -> None:
         if not self.servos:
@@ -174,4 +181,5 @@ class BusSpec:
         entries: list[dict[str, Any]] = data["pins"]
         pins = tuple(PinSpec(**{**pin, **{key: tuple(pin[key]) for key in tuples}}) for pin in entries)
         servos = tuple(ServoSpec(**servo) for servo in data["servos"])
-        return cls(**{**data, "servos": servos, "pins": pins})
+        plant = None if data.get("plant") is None else PlantSpec.from_json(data["plant"])
+        return cls(**{**data, "servos": servos, "pins": pins, "plant": plant})

@@ -17,6 +17,8 @@ from sim_backends.physics.world import World
 
 FloatArray = NDArray[np.float64]
 
+FASTEST_RAD_S = 30.0
+
 
 class Plant:
     """A structure behind gears that give and have play. A `sim_backends.load.Load`.
@@ -68,7 +70,8 @@ class Plant:
         """Let time pass, whole milliseconds, while the shafts turn evenly to `shaft_rad` (n,)."""
         steps = max(1, round(duration_s / STEP_S))
         start = self._shaft
-        speed = (shaft_rad - start) / (steps * STEP_S)
+        # A shaft that somebody turned by hand jumps: its speed is no speed of gears.
+        speed = np.clip((shaft_rad - start) / (steps * STEP_S), -FASTEST_RAD_S, FASTEST_RAD_S)
         total = np.zeros_like(start)
         for k in range(1, steps + 1):
             torque = self._gears(start + (shaft_rad - start) * (k / steps), speed)
@@ -88,11 +91,13 @@ class Plant:
 
     def _gears(self, shaft: FloatArray, speed: FloatArray) -> FloatArray:
         """Torque that passes from shafts to creases, at the shafts."""
-        twist = shaft - self.output_rad
-        beyond = twist - np.clip(twist, -self._play, self._play)
-        slip = speed - self._per_crease * self.world.rates[self._cell, self._crease]
-        meshed = (beyond != 0.0) | (self._play == 0.0)
-        return np.where(meshed, self._stiffness * beyond + self._damping * slip, 0.0)
+        angle, rate = self.world.driven
+        twist = shaft - self._zero - self._per_crease * angle
+        torque: FloatArray = self._damping * (speed - self._per_crease * rate)
+        if self._play == 0.0:
+            return torque + self._stiffness * twist
+        beyond = twist - np.minimum(np.maximum(twist, -self._play), self._play)
+        return np.where(beyond != 0.0, torque + self._stiffness * beyond, 0.0)
 
 
 def drives_of(rig: ResolvedRig) -> tuple[Drive, ...]:

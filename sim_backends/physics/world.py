@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -48,6 +49,8 @@ class World:
     ----------
     model
         As given.
+    accounts
+        Whether `work` is kept: it takes as long as the motion.
     work
         Account of energy.
     push
@@ -67,6 +70,8 @@ class World:
         names = [model.body(p) for p in range(layout.n_panels)]
         self._body = np.array([0 if name == "world" else self._m.body(name).id for name in names])
         self._driven = np.array([self._where[d.cell, d.crease] for d in model.drives], dtype=np.intp)
+        deployed = model.linkage.four_bars.deployed
+        self._driven_deployed = np.array([deployed[d.cell, d.crease] for d in model.drives])
         skin = model.solids.skin
         blown = np.flatnonzero(self._body[skin.panel] > 0)  # what is held feels nothing
         self._skin = replace(skin, **{f.name: getattr(skin, f.name)[blown] for f in fields(skin)})
@@ -80,6 +85,7 @@ class World:
             for slit in model.slits
         ]
         self.push = np.zeros((self._m.nbody, 6))
+        self.accounts = False
         self.work = Work()
         self.put(fold)
 
@@ -108,6 +114,11 @@ class World:
     def angles(self) -> FloatArray:
         """(n_cells, 4) inner angles, radians."""
         return np.asarray(self.model.linkage.four_bars.deployed + self._d.qpos[self._where])
+
+    @property
+    def driven(self) -> tuple[FloatArray, FloatArray]:
+        """(n_drives,) each: inner angles of the driven creases, and their rates."""
+        return self._driven_deployed + self._d.qpos[self._driven], self._d.qvel[self._driven]
 
     @property
     def rates(self) -> FloatArray:
@@ -158,21 +169,23 @@ class World:
                 self._d.eq_active[i] = name.split(" ")[0] in names
 
     def lock(self, cell: int, crease: int) -> None:
-        """Seize a crease where it stands, for ever: its dry friction becomes more than anything here can overcome."""
-        dof = self._where[cell, crease]
-        self._m.dof_frictionloss[dof] = 1e3
+        """Seize a crease where it stands, for ever: its stops close in on it."""
+        name = self.model.joint(cell, crease)
+        self._m.joint(name).range[:] = self._d.qpos[self._where[cell, crease]]
 
     def step(self, torque_nm: ArrayLike | None = None) -> None:
         """Let a millisecond pass, the drives giving these torques (n_drives,) at their shafts."""
         m, d, module = self._m, self._d, self._mujoco
         module.mj_step1(m, d)
-        d.xfrc_applied[:] = self.push
+        np.copyto(d.xfrc_applied, self.push)
         by_air, by_magnets = self._blow(), self._attract()
         if torque_nm is not None:
             d.ctrl[:] = torque_nm
-        before = np.array(d.qvel)
+        before = np.array(d.qvel) if self.accounts else None
         module.mj_step2(m, d)
         module.mj_kinematics(m, d)  # places as of now, not as of the step's beginning
+        if before is None:
+            return
         # Mean speed over the step: what implicit integration moves by is the new one, what acts saw the old.
         mean = 0.5 * (before + d.qvel)
         self.work.motors += STEP_S * float(d.qfrc_actuator @ d.qvel)
@@ -193,7 +206,7 @@ class World:
         both = np.concatenate([force, cross(arm, force)], axis=1)
         own = np.arange(self._m.nbody)[:, None] == body
         self._d.xfrc_applied += own @ both
-        return float((self._velocity(body, place) * force).sum())
+        return float((self._velocity(body, place) * force).sum()) if self.accounts else 0.0
 
     def _blow(self) -> float:
         air = self.model.loads.air
@@ -212,12 +225,12 @@ class World:
             return 0.0
         power = 0.0
         for ends in self._sites:
-            pair = np.array(ends[0])
-            place = self._d.site_xpos[pair]
+            place = self._d.site_xpos[ends[0]]
             apart = place[1] - place[0]
-            gap = float(np.linalg.norm(apart))
-            if gap < 1e-9:
+            gap = math.hypot(*apart)
+            if gap < 1e-9 or gap > magnets.capture_m:
                 continue
+            pair = np.array(ends[0])
             force = float(magnets.pull_n(np.array(gap))) * apart / gap
             power += self._act(self._m.site_bodyid[pair], place, np.stack([force, -force]))
         return power
