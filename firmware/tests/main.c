@@ -15,14 +15,16 @@
 #define LONGEST_TEST_S 60U
 #define LONGEST_TEST_OF_MUTANTS_S 2U
 
-extern const suite_t suite_queue, suite_motion_limits, suite_hinges, suite_latches, suite_faults, suite_config_records,
-    suite_config_slots, suite_machine_start, suite_machine_commands, suite_machine_stream, suite_machine_silence,
+extern const suite_t suite_queue, suite_motion_limits, suite_hinges_drive, suite_hinges_watch,
+    suite_latches_drive, suite_latches_heat, suite_faults, suite_config_records, suite_config_slots,
+    suite_machine_start, suite_machine_commands, suite_machine_stream, suite_machine_silence,
     suite_machine_braking, suite_machine_faults, suite_machine_config, suite_supply, suite_events,
     suite_messages_frames, suite_messages_answers, suite_messages_unasked;
 
 static const suite_t *const suites[] = {
-    &suite_queue, &suite_motion_limits, &suite_hinges, &suite_latches, &suite_faults, &suite_config_records,
-    &suite_config_slots, &suite_machine_start, &suite_machine_commands, &suite_machine_stream,
+    &suite_queue, &suite_motion_limits, &suite_hinges_drive, &suite_hinges_watch,
+    &suite_latches_drive, &suite_latches_heat, &suite_faults, &suite_config_records, &suite_config_slots,
+    &suite_machine_start, &suite_machine_commands, &suite_machine_stream,
     &suite_machine_silence, &suite_machine_braking, &suite_machine_faults, &suite_machine_config, &suite_supply,
     &suite_events, &suite_messages_frames, &suite_messages_answers, &suite_messages_unasked,
 };
