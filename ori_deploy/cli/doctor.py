@@ -18,7 +18,7 @@ from ori_deploy.actuators.dynamixel.line import ServoLine
 from ori_deploy.actuators.dynamixel.startup import ATTEMPTS
 from ori_deploy.actuators.dynamixel.wiring import Wiring
 from ori_deploy.actuators.resolve import resolve_rig
-from ori_deploy.actuators.rig import STOW_POINT, Rig
+from ori_deploy.actuators.rig import STOW_POINT, Rig, load_rig
 from ori_deploy.bench.diagnosis import (
     Finding,
     ServoState,
@@ -34,6 +34,7 @@ from ori_deploy.bench.diagnosis import (
 )
 from ori_deploy.bench.servos import USUAL_BAUDS, Census, census
 from ori_deploy.cli.bus_common import IN, Place, columns, example, model_name, place, place_options, tell_json
+from ori_deploy.cli.doctor_mcu import board_findings
 from ori_deploy.cli.frame import EXIT_NOT_DONE
 from ori_deploy.errors import RigError
 from ori_deploy.files import load_plan
@@ -45,24 +46,39 @@ _PTS = "/dev/pts/"
 @click.command(epilog=example("ori-deploy doctor --rig examples/rig_wing_dynamixel.toml"))
 @place_options
 @click.option("--plan", "plan_file", type=IN, help="Plan of the rig: names the cells of its [each_cell] template.")
+@click.option("--mcu-port", help="Microcontroller, where servos are at --port.  [default: the rig's]")
 @click.option("--all", "everything", is_flag=True, help="Also print what is in order.")
 def doctor(
-    port: str | None, baud: int | None, rig_file: Path | None, as_json: bool, plan_file: Path | None, everything: bool
+    port: str | None,
+    baud: int | None,
+    rig_file: Path | None,
+    as_json: bool,
+    plan_file: Path | None,
+    mcu_port: str | None,
+    everything: bool,
 ) -> None:
-    """Check port, servos and rig, and say what to do. Moves nothing and writes nothing.
+    """Check port, servos or microcontroller, and rig, and say what to do. Moves nothing and writes nothing.
 
     Ends with status 1 when there is a problem; warnings are none.
     """
-    where = place(port, baud, rig_file)
     plan = None if plan_file is None else load_plan(plan_file)
-    findings = port_findings(where.port)
-    if not any(finding.verdict == "problem" for finding in findings):
-        findings += _on_the_bus(where, plan)
+    rig = None if rig_file is None else load_rig(rig_file)
+    asked, findings = "", []
+    if rig is None or rig.mcu is None or rig.dynamixel is not None:
+        where = place(port, baud, rig_file)
+        asked, findings = where.port, port_findings(where.port)
+        if not _problems(findings):
+            findings += _on_the_bus(where, plan)
+    if rig is not None and rig.mcu is not None:
+        board = (mcu_port if asked else port) or rig.mcu.port
+        found = port_findings(board)
+        findings += found if _problems(found) else found + board_findings(board, rig, plan)
+        asked = asked or board
     verdicts = Counter(finding.verdict for finding in findings)
     if as_json:
         tell_json(
             {
-                "port": where.port,
+                "port": asked,
                 "rig": None if rig_file is None else str(rig_file),
                 "findings": [_finding_json(finding) for finding in findings],
                 "ok": verdicts["ok"],
@@ -74,6 +90,10 @@ def doctor(
         _print(findings, everything=everything)
     if verdicts["problem"]:
         sys.exit(EXIT_NOT_DONE)
+
+
+def _problems(findings: list[Finding]) -> bool:
+    return any(finding.verdict == "problem" for finding in findings)
 
 
 def _finding_json(finding: Finding) -> dict[str, str]:

@@ -122,7 +122,7 @@ def looked_up(port: str | None, rig_file: Path | None, plan_file: Path | None) -
         return place(port, None)
     rig = load_rig(rig_file)
     settings = with_board(rig)
-    wiring = wiring_of(rig_file, plan_file)[0] if plan_file is not None else _without_plan(rig)
+    wiring = wiring_of(rig_file, plan_file)[0] if plan_file is not None else named_wiring(rig)
     return place(port, settings, wiring)
 
 
@@ -134,7 +134,7 @@ def wiring_of(rig_file: Path, plan_file: Path) -> tuple[McuWiring, float]:
     return rig.mcu, rig.rate_hz
 
 
-def _without_plan(rig: Rig) -> McuWiring | None:
+def named_wiring(rig: Rig) -> McuWiring | None:
     """What is named in the rig itself; None where templates decide what is wired where."""
     if rig.each_cell is not None or (rig.backend == "mcu" and not rig.hinge):
         return None

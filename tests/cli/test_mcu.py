@@ -179,6 +179,48 @@ def test_the_monitor_names_what_it_shows_and_one_servo_is_turned(made: Path, tmp
         assert "nothing moves" in mcu(*jog, "--by", "0.1", "--yes", cwd=tmp_path).stderr
 
 
+def test_the_doctor_says_what_is_wrong_with_a_board(made: Path, tmp_path: Path) -> None:
+    words = ("doctor", "--rig", made / "rig.toml", "--port", tmp_path / "ttyMCU", "--json")
+    plan = ("--plan", made / "wing.plan.json")
+
+    def told(*more: str | Path) -> dict[str, dict[str, dict[str, str]]]:
+        """By check, and what it is about."""
+        answer = json.loads(run(*words, *more, cwd=tmp_path).stdout)
+        found: dict[str, dict[str, dict[str, str]]] = {}
+        for one in answer["findings"]:
+            found.setdefault(one["check"], {})[one["about"]] = one
+        return found
+
+    with board(made, tmp_path) as one:
+        found = told(*plan)
+        assert found["configuration"]["microcontroller"]["remedy"].startswith("ori-deploy mcu config")
+        configure(made, tmp_path)
+        found = told(*plan)
+        link = found.pop("link")["microcontroller"]  # late answers are the machine's, not the board's
+        assert "round trip" in link["value"]
+        assert {entry["status"] for about in found.values() for entry in about.values()} == {"ok"}
+        assert found["configuration"]["microcontroller"]["value"].endswith("the rig's")
+        assert set(found["feedback"]) == {"servo_1", "servo_2", "servo_3", "servo_4"}
+        assert found["latch sensor"]["latch_slit:P-T2"]["value"] == "open"
+        assert "--plan" in told()["configuration"]["microcontroller"]["value"]
+        one.open_wire(2)
+        one.thermistor(1023)
+        one.supply(3.0)
+        one.estop()
+        time.sleep(0.5)
+        found = told(*plan)
+        for check, about, value, remedy in (
+            ("feedback", "servo_3", "open wire at A2", "check its wire"),
+            ("thermistor", "A13", "missing, or an open wire: 1023 counts", "10 kohm"),
+            ("supply", "microcontroller", "3.00 V", "switch it on"),
+            ("fault", "microcontroller", "estop: emergency stop", "ori-deploy mcu clear-fault"),
+        ):
+            assert found[check][about]["status"] == "problem"
+            assert value in found[check][about]["value"]
+            assert remedy in found[check][about]["remedy"]
+        assert run(*words, *plan, cwd=tmp_path).returncode == 1
+
+
 def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made: Path, tmp_path: Path) -> None:
     text = (made / "rig.toml").read_text()
     lines = [line for line in text.splitlines() if not line.startswith("feedback_")]
