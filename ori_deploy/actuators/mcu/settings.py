@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from ori_deploy.actuators.numbers import STRICT, Finite, Name, NonNegative, Positive, at_most, between
 
-Baud = Literal[500000]
+KNOWN_BAUD = 500_000
 """The one rate that the firmware knows."""
 
 FRAME_S = 0.02
@@ -22,6 +22,13 @@ def _not_zero(value: float) -> float:
     return value
 
 
+def _known_rate(value: int) -> int:
+    if value != KNOWN_BAUD:
+        raise ValueError(f"{KNOWN_BAUD}: the firmware knows no other rate; leave the key out")
+    return value
+
+
+Baud = Annotated[int, Field(strict=True), AfterValidator(_known_rate)]
 ServoOutput = Annotated[int, Field(ge=0, le=11, strict=True)]
 FeedbackInput = Annotated[int, Field(ge=0, le=11, strict=True)]
 LatchOutput = Annotated[int, Field(ge=0, le=11, strict=True)]
@@ -181,6 +188,13 @@ class LatchEntry(LatchDrive):
     output: LatchOutput | None = None
 
 
+def _filled(template: dict[str, Any], entry: dict[str, Any]) -> dict[str, Any]:
+    """An entry with what it does not say itself; one that is driven blind inherits nothing that measures."""
+    blind = entry.get("open_loop", False)
+    inherited = {key: value for key, value in template.items() if not (blind and key.startswith("feedback_"))}
+    return {**inherited, **entry}
+
+
 @dataclass(frozen=True, config=STRICT, kw_only=True)
 class McuSettings:
     """The microcontroller and what is wired to it.
@@ -215,13 +229,14 @@ class McuSettings:
         How long a device that does not answer at once is left in peace before it is asked again: opening the
         port restarts most boards, and a bootloader that is talked to stays awake.
     hinge, latch
-        By name.
+        By name; what an entry does not say is as in the template.
     each_hinge, each_latch
-        For those not named. Outputs and inputs that are left are given out in the order of the cells.
+        Templates, also for those not named. Outputs and inputs that are left are given out in the order of the
+        cells.
     """
 
     port: Name
-    baud: Baud = 500_000
+    baud: Baud = KNOWN_BAUD
     silence_s: _Silence = 0.15
     brake_s: _Brake = 0.05
     lead_s: _Lead = 0.3
@@ -239,6 +254,19 @@ class McuSettings:
     each_hinge: HingeServo | None = None
     latch: tuple[LatchEntry, ...] = ()
     each_latch: LatchDrive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _entries_inherit(cls, table: Any) -> Any:
+        """Fill entries up from their template, before anything is missed in them."""
+        if not isinstance(table, dict):
+            return table
+        filled = dict(table)
+        for name in ("hinge", "latch"):
+            template, entries = table.get(f"each_{name}"), table.get(name)
+            if isinstance(template, dict) and isinstance(entries, list | tuple):
+                filled[name] = [_filled(template, entry) if isinstance(entry, dict) else entry for entry in entries]
+        return filled
 
     @model_validator(mode="after")
     def _the_queue_outlasts_silence(self) -> McuSettings:

@@ -208,7 +208,8 @@ def resolve_wiring(
                 source=source,
             )
     outputs = _Pins("servo output", OUTPUTS, "use fewer hinges and lock pins", source)
-    hinges = _hinges(settings, actuators, outputs, source)
+    pins = {latch.id for latch in latches if latch.kind == "lock_pin"}
+    hinges = _hinges(settings, actuators, pins, outputs, source)
     return McuWiring(settings, hinges, _latches(settings, latches, outputs, source))
 
 
@@ -282,7 +283,7 @@ def _check_loop(settings: McuSettings, rate_hz: float, source: str | None) -> No
 
 
 def _hinges(
-    settings: McuSettings, actuators: Sequence[_Actuator], outputs: _Pins, source: str | None
+    settings: McuSettings, actuators: Sequence[_Actuator], lock_pins: set[str], outputs: _Pins, source: str | None
 ) -> tuple[Hinge, ...]:
     inputs = _Pins("feedback input", INPUTS, "use fewer hinges", source)
     entries = {entry.actuator: entry for entry in settings.hinge}
@@ -291,7 +292,7 @@ def _hinges(
         if entry.feedback is not None:
             inputs.take(entry.feedback, f"actuator {entry.actuator}")
     for latch in settings.latch:  # before numbers are given out: a pin's output was chosen by hand
-        if latch.engaged_us is not None and latch.output is not None:
+        if latch.latch in lock_pins and latch.output is not None:
             outputs.take(latch.output, f"latch {latch.latch}")
     return tuple(_hinge(settings, actuator, entries, outputs, inputs, source) for actuator in actuators)
 
@@ -410,7 +411,7 @@ def _latch(
             remedy=f'add a [[mcu.latch]] with latch = "{latch.id}", or an [mcu.each_latch] template',
             source=source,
         )
-    _check_kind(latch, entry, drive, source)
+    _check_kind(latch, entry, drive, settings.each_latch, source)
     output = sensor = None
     if entry is not None:
         output, sensor = entry.output, entry.sensor
@@ -430,13 +431,16 @@ def _latch(
     )
 
 
-def _check_kind(latch: _Latch, entry: LatchEntry | None, drive: LatchDrive, source: str | None) -> None:
-    """What a latch of its kind needs, and what does not belong to it."""
+def _check_kind(
+    latch: _Latch, entry: LatchEntry | None, drive: LatchDrive, template: LatchDrive | None, source: str | None
+) -> None:
+    """What a latch of its kind needs, and what does not belong to it; a template may be for several kinds."""
     pin, magnet = latch.kind == "lock_pin", latch.kind == "magnet"
+    inherited = template is not None and drive.engaged_us == template.engaged_us
     needs: list[tuple[bool, str, str]] = [
         (pin and drive.engaged_us is None, "a lock pin has no pulses", "give engaged_us and released_us"),
         (
-            entry is not None and not pin and drive.engaged_us is not None,
+            entry is not None and not pin and drive.engaged_us is not None and not inherited,
             "engaged_us belongs to a lock pin",
             "remove engaged_us and released_us",
         ),

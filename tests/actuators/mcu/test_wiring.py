@@ -32,6 +32,28 @@ def test_pins_from_the_template_get_servo_outputs_behind_the_hinges() -> None:
     assert [latch.output for latch in made.latches] == [2, 3]
 
 
+def test_entries_inherit_what_they_do_not_say() -> None:
+    made = wiring(
+        2,
+        (electromagnet("e"), lock_pin("p")),
+        hinge=[{"actuator": "a", "output": 4, "feedback": 6, "pulse_zero_us": 1480.0}],
+        each_latch={"engaged_us": 1000.0, "released_us": 2000.0, "sensor_high": True},
+        latch=[{"latch": "e", "output": 4, "sensor": 5}, {"latch": "p", "output": 7, "debounce_s": 0.1}],
+    )
+    servo = made.hinges[0].servo
+    assert (made.hinges[0].output, made.hinges[0].feedback, servo.pulse_zero_us) == (4, 6, 1480.0)
+    assert (servo.pulse_us_per_rad, servo.feedback_zero_rad) == (SERVO["pulse_us_per_rad"], -3.0)
+    assert made.hinges[1].servo.pulse_zero_us == 1500.0
+    assert made.latches[0].drive.sensor_high  # on magnet output 4, though a servo output 4 is taken
+    assert (made.latches[1].drive.engaged_us, made.latches[1].drive.debounce_s) == (1000.0, 0.1)
+
+
+def test_a_blind_entry_inherits_nothing_that_measures() -> None:
+    made = wiring(1, hinge=[{"actuator": "a", "output": 0, "open_loop": True}])
+    assert made.hinges[0].feedback is None
+    assert made.hinges[0].servo.feedback_zero_rad is None
+
+
 def test_records_in_the_units_of_the_wire() -> None:
     pin = {"latch": "pin", "output": 7, "engaged_us": 1000.0, "released_us": 2000.0, "sensor_high": True}
     made = wiring(1, (electromagnet("e"), lock_pin("pin")), latch=[pin])
@@ -81,7 +103,8 @@ def test_every_record_fits_its_fields_at_the_ends_of_what_is_allowed() -> None:
         ({"brake_s": 0.12}, "brake_s"),
         ({"min_lead_s": 0.2}, "min_lead_s"),
         ({"lead_s": 0.24}, "lead_s"),
-        ({"baud": 9600}, "500000"),
+        ({"baud": 9600}, "500000: the firmware knows no other rate"),
+        ({"hinge": [{"actuator": "a", "output": 0, "feedback": 0}], "each_hinge": None}, "pulse_zero_us"),
         ({"each_hinge": SERVO}, "open_loop"),
         ({"each_hinge": {**SERVO, **FEEDBACK, "open_loop": True}}, "open_loop"),
         ({"each_hinge": {**SERVO, **FEEDBACK, "feedback_low": 1001}}, "feedback_low"),
