@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import shlex
 import tomllib
@@ -19,6 +20,7 @@ from ori_deploy.actuators.mcu.settings import HingeEntry, LatchEntry, McuSetting
 from ori_deploy.actuators.rig import ControllerSettings, Latch, Rig, load_rig, parse_rig
 from ori_deploy.actuators.rig import Hinge as RigHinge
 from ori_deploy.cli.commands import main as program
+from ori_deploy.cli.mcu_monitor import _HINGES, _LATCHES
 from sim_backends.dynamixel_bus import main as virtual_bus
 from sim_backends.mcu import main as emulated_board
 
@@ -179,6 +181,52 @@ def test_the_table_of_shafts_is_that_of_the_example_rig() -> None:
             )
 
 
+def test_the_torques_are_those_of_the_example_rig() -> None:
+    rig = load_rig(ROOT / "examples" / "rig_wing_mcu.toml")
+    stall_nm = 2.0 * rig.actuator[0].max_torque_nm
+    text = section("Bill of materials for the example wing")
+    assert f"The rig says {stall_nm} N m" in text
+    assert f"{stall_nm} N m (35 kg cm) at stall" in text
+    gear, efficiency = 1.4, 0.9
+    assert all(hinge.gear_ratio == gear for hinge in rig.hinge if hinge.actuator in ("servo_1", "servo_3"))
+    for crease_nm, shaft_nm, percent in ((1.13, "0.90", 26), (1.8, "1.43", 41)):
+        assert f"{crease_nm / (gear * efficiency):.2f}" == shaft_nm
+        assert round(100.0 * float(shaft_nm) / stall_nm) == percent
+        assert shaft_nm in text
+    assert "26 and 41 %" in text
+    assert [round(100.0 * nm / stall_nm) for nm in (0.64, 0.53)] == [18, 15]
+
+
+# -- samples -------------------------------------------------------------------------------------------
+
+
+def test_the_monitor_on_the_page_has_the_columns_of_the_program() -> None:
+    shown = re.search(r"```\n(idle; 0 queued; .*?)```", PAGE, re.DOTALL)
+    assert shown is not None
+    lines = shown.group(1).splitlines()
+    assert tuple(lines[1].split()) == _HINGES
+    assert tuple(lines[6].split()) == tuple(name for name in _LATCHES if name)
+    rig = load_rig(ROOT / "examples" / "rig_wing_mcu.toml")
+    assert rig.mcu is not None
+    servo = rig.mcu.each_hinge
+    assert servo is not None
+    assert servo.feedback_zero_rad is not None
+    assert servo.feedback_rad_per_count is not None
+    for line in lines[2:6]:
+        _, degrees, _, rad, count, *_ = line.split()
+        assert math.radians(float(degrees)) == pytest.approx(float(rad), abs=1e-4)
+        counted = (float(rad) - servo.feedback_zero_rad) / servo.feedback_rad_per_count
+        assert int(count) == round(counted)
+
+
+def test_the_worked_example_of_the_calibration_is_right() -> None:
+    low, high, slope, zero = 249, 785, 0.00586, -3.030
+    assert f"n₁ = {low}, n₂ = {high}: slope {slope}, zero −{-zero:.3f}" in PAGE
+    assert 3.142 / (high - low) == pytest.approx(slope, abs=5e-6)
+    assert -1.571 - slope * low == pytest.approx(zero, abs=5e-4)
+    assert f"feedback_zero_rad = {zero:.3f}" in PAGE
+
+
 # -- faults --------------------------------------------------------------------------------------------
 
 
@@ -247,6 +295,9 @@ def test_a_command_is_one(line: str, folder: Path) -> None:
 
 def test_the_commands_are_found() -> None:
     assert len(COMMANDS) > 20
+    assert {"mcu jog", "mcu torque-off", "doctor"} <= {
+        " ".join(line.split()[1 : 2 + (line.split()[1] == "mcu")]) for line in COMMANDS
+    }
     assert {line.split()[0] for line in COMMANDS} == {"ori-deploy", "python", "make", "cp", "mkdir", "avrdude"}
 
 
