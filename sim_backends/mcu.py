@@ -30,13 +30,24 @@ def bench() -> WorldSpec:
 
 
 def _world(
-    rig_file: Path | None, plan_file: Path | None, start: Start, *, linked: bool
+    rig_file: Path | None,
+    plan_file: Path | None,
+    start: Start,
+    plant: Path | None,
+    loads: Path | None,
+    *,
+    linked: bool,
 ) -> tuple[WorldSpec, tuple[int, ...]]:
     """The world, and the servos on another bus that turn its hinges."""
+    if (plant is not None and (linked or rig_file is None)) or (loads is not None and plant is None):
+        raise InputError(
+            "--plant and --loads", limit="--plant with --rig and --plan, without --servos; --loads with --plant",
+            remedy="give the others as well; beside servos on another bus, their own --plant",
+        )  # fmt: skip
     if rig_file is not None and plan_file is not None:
         if linked:
             return linked_world_for_files(rig_file, plan_file, start)
-        return world_for_files(rig_file, plan_file, start), ()
+        return world_for_files(rig_file, plan_file, start, plant, loads), ()
     if rig_file is not None or plan_file is not None or linked:
         raise InputError(
             "--rig, --plan and --servos", limit="--rig and --plan together; --servos with both",
@@ -53,6 +64,8 @@ def _world(
     "--rig", "rig_file", type=click.Path(path_type=Path), help="Rig file whose servos and latches are simulated."
 )
 @click.option("--plan", "plan_file", type=click.Path(path_type=Path), help="Plan of the structure between them.")
+@click.option("--plant", type=click.Path(path_type=Path, dir_okay=False), help="With --plan: the design it drives.")
+@click.option("--loads", type=click.Path(path_type=Path, dir_okay=False), help="With --plant: its loads file.")
 @click.option("--start", type=click.Choice(["stowed", "deployed"]), default="stowed", show_default=True)
 @click.option(
     "--servos",
@@ -67,6 +80,8 @@ def main(
     elf: Path | None,
     rig_file: Path | None,
     plan_file: Path | None,
+    plant: Path | None,
+    loads: Path | None,
     start: Start,
     servos: Path | None,
     eeprom: Path | None,
@@ -83,7 +98,7 @@ def main(
 
     signal.signal(signal.SIGTERM, end)
     try:
-        world, ids = _world(rig_file, plan_file, start, linked=servos is not None)
+        world, ids = _world(rig_file, plan_file, start, plant, loads, linked=servos is not None)
         with Microcontroller(world, link, port=port, program=elf, eeprom=eeprom) as board:
             structure = None if servos is None else LinkedStructure(board, servos, ids)
             if structure is not None:

@@ -15,6 +15,7 @@ from ori_deploy.actuators.rig import STOW_POINT, load_rig
 from ori_deploy.actuators.rig import Latch as RigLatch
 from ori_deploy.errors import InputError
 from sim_backends.microcontroller.spec import NOBODY, HingeSpec, LatchKind, LatchSpec, WorldSpec
+from sim_backends.plant_spec import PlantSpec
 
 Start = Literal["stowed", "deployed"]
 FloatArray = NDArray[np.float64]
@@ -35,6 +36,8 @@ def world_from_rig(
     start_rad: ArrayLike | None = None,
     seed: int = 1,
     turned: bool = False,
+    plant: Path | None = None,
+    loads: Path | None = None,
 ) -> WorldSpec:
     """A world as a rig describes it.
 
@@ -53,6 +56,8 @@ def world_from_rig(
     turned
         Whether hinges that are not wired to the microcontroller are in its world all the same, and turned by
         somebody else: latches then close where these stand. Without it, latches are closed wherever they may be.
+    plant, loads
+        Design file that the servos drive, and loads file of it.
     """
     if rig.mcu is None:
         raise InputError("the rig has no microcontroller", remedy="use one with a table [mcu]", source=rig.source)
@@ -67,7 +72,13 @@ def world_from_rig(
         end: Start = "stowed" if _of_rig(rig, latch.name).secures == STOW_POINT else "deployed"
         home = start_rad is None and end == start
         latches.append(_latch(latch, rig, ends[end], len(hinges), home=home))
+    driven = None
+    if plant is not None:
+        angles = start_rad if start_rad is not None else stowed_rad if start == "stowed" else deployed_rad
+        torque = [actuator.max_torque_nm for actuator in rig.actuators]
+        driven = PlantSpec.of_rig(rig, plant.resolve(), None if loads is None else loads.resolve(), angles, torque)
     return WorldSpec(
+        plant=driven,
         hinges=hinges,
         latches=tuple(latches),
         supply_v=max(6.0, SPARE_SUPPLY * max(settings.min_supply_v, rig.controller.min_voltage_v)),
@@ -108,6 +119,7 @@ def _latch(latch: Latch, rig: ResolvedRig, closed: FloatArray, n_hinges: int, *,
         else {}
     )
     return LatchSpec(
+        secures=_of_rig(rig, latch.name).secures,
         kind=cast(LatchKind, latch.kind),
         output=NOBODY if latch.output is None else latch.output,
         sensor=NOBODY if latch.sensor is None else latch.sensor,
@@ -128,12 +140,14 @@ def servo_ids(rig: ResolvedRig) -> tuple[int, ...]:
     return () if rig.wiring is None else tuple(servo.id for servo in rig.wiring.hinges)
 
 
-def world_for_files(rig_file: Path, plan_file: Path, start: Start) -> WorldSpec:
-    """The world of a rig file and a plan, the structure at one end of the motion.
+def world_for_files(
+    rig_file: Path, plan_file: Path, start: Start, plant: Path | None = None, loads: Path | None = None
+) -> WorldSpec:
+    """The world of a rig file and a plan, the structure at one end of the motion; with a plant it pulls back.
 
     Raises as `linked_world_for_files`.
     """
-    return _for_files(rig_file, plan_file, start, turned=False)[0]
+    return _for_files(rig_file, plan_file, start, turned=False, plant=plant, loads=loads)[0]
 
 
 def linked_world_for_files(rig_file: Path, plan_file: Path, start: Start) -> tuple[WorldSpec, tuple[int, ...]]:
@@ -152,10 +166,19 @@ def linked_world_for_files(rig_file: Path, plan_file: Path, start: Start) -> tup
     return world, ids
 
 
-def _for_files(rig_file: Path, plan_file: Path, start: Start, *, turned: bool) -> tuple[WorldSpec, tuple[int, ...]]:
+def _for_files(
+    rig_file: Path,
+    plan_file: Path,
+    start: Start,
+    *,
+    turned: bool,
+    plant: Path | None = None,
+    loads: Path | None = None,
+) -> tuple[WorldSpec, tuple[int, ...]]:
     from ori_deploy.files import load_plan  # slow to import, and wanted for this alone
 
     plan = load_plan(plan_file)
     rig = resolve_rig(load_rig(rig_file), plan.cell_ids, plan.latch_points)
     ends = plan.crease_angles_rad[[0, -1]]
-    return world_from_rig(rig, ends[0], ends[1], start=start, turned=turned), servo_ids(rig)
+    world = world_from_rig(rig, ends[0], ends[1], start=start, turned=turned, plant=plant, loads=loads)
+    return world, servo_ids(rig)

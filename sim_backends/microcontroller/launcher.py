@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ori_deploy.errors import OriDeployError
 from sim_backends.microcontroller.build import Port, emulator, firmware
+from sim_backends.microcontroller.plant_link import PlantLink
 from sim_backends.microcontroller.spec import WorldSpec
 
 START_PATIENCE_S = 10.0
@@ -192,6 +193,7 @@ class Microcontroller:
         self._control = Path(self._folder.name) / "control"  # a socket's name has to be short
         self._process: subprocess.Popen[str] | None = None
         self._stream: Any = None
+        self._plant = None if world.plant is None else PlantLink(world, world.plant)
         self.greeting = ""
 
     @property
@@ -202,7 +204,13 @@ class Microcontroller:
         return self._process.pid
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(self._command(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        plant = self._plant
+        self._process = subprocess.Popen(
+            self._command(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            pass_fds=() if plant is None else (plant.far_end,),
+        )  # fmt: skip
+        if plant is not None:
+            plant.start()
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], START_PATIENCE_S)
         self.greeting = self._process.stdout.readline().strip() if ready else ""
@@ -220,7 +228,7 @@ class Microcontroller:
 
     def _command(self) -> list[str]:
         world = Path(self._folder.name) / "world"
-        world.write_text(self._world.to_text())
+        world.write_text(self._world.to_text() + ("" if self._plant is None else f"plant_fd {self._plant.far_end}\n"))
         program = self._program or firmware(self._port)
         command = [str(program)] if self._port == "host" else [str(emulator()), "--elf", str(program)]
         command += ["--link", str(self.link), "--control", str(self._control), "--world", str(world)]
@@ -245,6 +253,8 @@ class Microcontroller:
             process.communicate()
         if self._stream is not None:
             self._stream.close()
+        if self._plant is not None:
+            self._plant.close()
         self._folder.cleanup()
 
     def wait_ready(self) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ori_deploy.errors import InputError
+from sim_backends.plant_spec import PlantSpec
 
 OUTPUTS, MAGNETS, SENSORS, ADC_INPUTS = 12, 8, 8, 16
 NOBODY = 255
@@ -85,6 +86,8 @@ class LatchSpec:
         Of a lock pin: its two pulses, and the time between them.
     start_closed
         Whether a lock pin starts at home.
+    secures
+        What it holds, as the rig names it.
     """
 
     kind: LatchKind
@@ -98,6 +101,7 @@ class LatchSpec:
     released_us: int = 1000
     travel_s: float = 0.4
     start_closed: bool = False
+    secures: str = ""
 
     def __post_init__(self) -> None:
         outputs = {"magnet": 0, "electromagnet": MAGNETS, "lock_pin": OUTPUTS}[self.kind]
@@ -127,6 +131,8 @@ class WorldSpec:
         What the thermistor reads.
     seed
         Of noise in readings, of bouncing sensors, and of faults of the cable.
+    plant
+        What the hinges drive; None for servos that know nothing of each other.
     """
 
     hinges: tuple[HingeSpec, ...] = field(default=())
@@ -135,8 +141,14 @@ class WorldSpec:
     supply_uv_per_count: float = 10_000.0
     thermistor_count: int = 512
     seed: int = 0
+    plant: PlantSpec | None = None
 
     def __post_init__(self) -> None:
+        if self.plant is not None and len(self.plant.names) != len(self.hinges):
+            raise InputError(
+                "plant: hinges in the world", value=len(self.hinges), limit=f"{len(self.plant.names)}, one per cell",
+                remedy="let the microcontroller drive all hinges of the structure",
+            )  # fmt: skip
         if len(self.hinges) > OUTPUTS or len(self.latches) > MAGNETS:
             raise InputError(
                 "a world", value=f"{len(self.hinges)} hinges, {len(self.latches)} latches", limit="12 and 8",

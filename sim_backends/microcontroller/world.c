@@ -1,7 +1,11 @@
 #include "world.h"
 
+#include <errno.h>
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define LIMP_AFTER_US 60000U   /* without a pulse */
 #define LIMP_BELOW_UV 3000000.0 /* of supply */
@@ -14,6 +18,7 @@ world_t world;
 
 void world_clear(void) {
     memset(&world, 0, sizeof world);
+    world.plant_fd = -1;
     world.supply_uv = 6e6;
     world.supply_uv_per_count = 1e4;
     world.thermistor_count = 512;
@@ -42,7 +47,7 @@ double world_random(uint64_t key) {
 
 static bool aligned(const latch_t *latch) {
     for (int k = 0; k < WORLD_HINGES; k++) {
-        if (latch->secures[k] && fabs(world.hinge[k].position_rad - latch->closed_rad[k]) > latch->range_rad[k]) {
+        if (latch->secures[k] && fabs(world.hinge[k].crease_rad - latch->closed_rad[k]) > latch->range_rad[k]) {
             return false;
         }
     }
@@ -102,7 +107,15 @@ static void step_latch(latch_t *latch, bool time_passes) {
     }
 }
 
+/* Where creases are; a plant has told it. */
+static void place_creases(void) {
+    for (int k = 0; k < WORLD_HINGES && (world.plant_fd < 0 || world.now_us == 0); k++) {
+        world.hinge[k].crease_rad = world.hinge[k].position_rad;
+    }
+}
+
 void world_settle(void) {
+    place_creases();
     for (int k = 0; k < WORLD_LATCHES; k++) {
         if (world.latch[k].present) {
             step_latch(&world.latch[k], false);
@@ -137,6 +150,54 @@ static void step_hinge(int k) {
     hinge->position_rad = within_bounds(k, hinge->position_rad + fmin(most, fmax(-most, move)));
 }
 
+/* -- the structure, where it pulls back ------------------------------------------------------------- */
+
+typedef struct {
+    double target_rad[WORLD_HINGES], shaft_rad[WORLD_HINGES];
+    uint32_t on, jammed, held, spare; /* bits of hinges, of hinges, of latches */
+} asked_t;
+
+typedef struct {
+    double shaft_rad[WORLD_HINGES], crease_rad[WORLD_HINGES];
+} told_t;
+
+static void pass(bool out, void *data, size_t size) {
+    for (char *at = data; size > 0;) {
+        ssize_t n = out ? write(world.plant_fd, at, size) : read(world.plant_fd, at, size);
+        if (n > 0) {
+            at += n;
+            size -= (size_t)n;
+        } else if (n == 0 || errno != EINTR) {
+            fprintf(stderr, "the plant has gone\n");
+            exit(1);
+        }
+    }
+}
+
+/* WORLD_PLANT_US of servos and structure, by whoever is behind the socket. */
+static void step_plant(void) {
+    asked_t asked = {0};
+    told_t told;
+    for (int k = 0; k < WORLD_HINGES; k++) {
+        const hinge_t *hinge = &world.hinge[k];
+        asked.shaft_rad[k] = asked.target_rad[k] = hinge->position_rad;
+        if (hinge->present && !limp(hinge->output)) {
+            asked.target_rad[k] = (world.pulse[hinge->output].width_ns - hinge->zero_ns) / hinge->slope_ns;
+            asked.on |= 1U << k;
+        }
+        asked.jammed |= (uint32_t)hinge->jammed << k;
+    }
+    for (int i = 0; i < WORLD_LATCHES; i++) {
+        asked.held |= (uint32_t)(world.latch[i].present && restrains(&world.latch[i])) << i;
+    }
+    pass(true, &asked, sizeof asked);
+    pass(false, &told, sizeof told);
+    for (int k = 0; k < WORLD_HINGES; k++) {
+        world.hinge[k].position_rad = told.shaft_rad[k];
+        world.hinge[k].crease_rad = told.crease_rad[k];
+    }
+}
+
 void world_push(int hinge, double by_rad) {
     world.hinge[hinge].position_rad = within_bounds(hinge, world.hinge[hinge].position_rad + by_rad);
     world_settle();
@@ -147,11 +208,15 @@ void world_push(int hinge, double by_rad) {
 void world_step(uint64_t now_us) {
     while (world.now_us + WORLD_STEP_US <= now_us) {
         world.now_us += WORLD_STEP_US;
-        for (int k = 0; k < WORLD_HINGES; k++) {
+        for (int k = 0; k < WORLD_HINGES && world.plant_fd < 0; k++) {
             if (world.hinge[k].present) {
                 step_hinge(k);
             }
         }
+        if (world.plant_fd >= 0 && world.now_us % WORLD_PLANT_US == 0) {
+            step_plant();
+        }
+        place_creases();
         for (int k = 0; k < WORLD_LATCHES; k++) {
             if (world.latch[k].present) {
                 step_latch(&world.latch[k], true);

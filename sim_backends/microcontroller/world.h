@@ -16,6 +16,7 @@
 #define WORLD_SENSORS 8
 #define WORLD_ADC_INPUTS 16
 #define WORLD_STEP_US 1000U
+#define WORLD_PLANT_US 4000U /* between two questions to a plant: each is two changes of process */
 #define WORLD_NOBODY 255
 
 typedef enum { WIRE_GOOD, WIRE_OPEN, WIRE_SHORT } wire_t;
@@ -26,6 +27,7 @@ typedef struct {
     bool present, jammed;
     int output, adc; /* WORLD_NOBODY: not wired */
     double position_rad, zero_ns, slope_ns;
+    double crease_rad; /* where its crease is, as a shaft position; of a plant, else it is where the shaft is */
     double feedback_zero_urad, feedback_slope_nrad, noise_counts;
     double time_constant_s, max_velocity_rad_s, lower_rad, upper_rad;
     wire_t wire;
@@ -44,6 +46,7 @@ typedef struct {
 
 typedef struct {
     uint64_t seed, now_us;
+    int plant_fd; /* socket of whoever reckons with what the servos drive; -1: nobody */
     double supply_uv, supply_uv_per_count;
     int thermistor_count;
     bool estop;

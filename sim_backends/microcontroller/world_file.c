@@ -20,6 +20,7 @@ static const field_t world_fields[] = {
     {"supply_uv_per_count", offsetof(world_t, supply_uv_per_count), IS_DOUBLE, 1.0},
     {"thermistor_count", offsetof(world_t, thermistor_count), IS_INT, 1.0},
     {"estop", offsetof(world_t, estop), IS_BOOL, 1.0},
+    {"plant_fd", offsetof(world_t, plant_fd), IS_INT, 1.0},
     {NULL, 0, IS_INT, 0.0},
 };
 

@@ -95,9 +95,9 @@ class Plant:
         twist = shaft - self._zero - self._per_crease * angle
         torque: FloatArray = self._damping * (speed - self._per_crease * rate)
         if self._play == 0.0:
-            return torque + self._stiffness * twist
+            return np.asarray(torque + self._stiffness * twist)
         beyond = twist - np.minimum(np.maximum(twist, -self._play), self._play)
-        return np.where(beyond != 0.0, torque + self._stiffness * beyond, 0.0)
+        return np.asarray(np.where(beyond != 0.0, torque + self._stiffness * beyond, 0.0))
 
 
 def drives_of(rig: ResolvedRig) -> tuple[Drive, ...]:
