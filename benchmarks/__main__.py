@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks import control, dynamixel, geometry, layouts, mcu, search
+from benchmarks import control, dynamixel, geometry, layouts, mcu, realtime, recording, search
 
 geometry.main()
 control.main()
+realtime.main()
+recording.main()
 dynamixel.main()
 mcu.main()
 layouts.main()

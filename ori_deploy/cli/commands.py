@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from ori_deploy.cli.mcu import mcu
 from ori_deploy.cli.operate import operator
 from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.replay import replay
-from ori_deploy.cli.session import Command, Place, carry_out
+from ori_deploy.cli.session import Command, Options, StoppedBy, carry_out
 from ori_deploy.cli.size import size
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_option, span_poses, tell_span
 from ori_deploy.cli.steps import (
@@ -38,7 +38,7 @@ from ori_deploy.cli.steps import (
 )
 from ori_deploy.cli.strip import strip
 from ori_deploy.cli.sweep import sweep
-from ori_deploy.deploy.result import Outcome
+from ori_deploy.deploy.result import MotionResult, Outcome
 from ori_deploy.errors import InputError
 from ori_deploy.files import Design, load_design, pose_data
 from ori_deploy.motion import Plan
@@ -219,66 +219,74 @@ def _print_plan(made: Plan, path: Path) -> None:
     )
 
 
+def _motion_options(command: Callable[..., None]) -> Callable[..., None]:
+    """What every command that moves takes."""
+    for option in reversed(
+        (
+            click.argument("plan_file", metavar="PLAN", type=_IN),
+            click.option("--rig", type=_IN, required=True, help="Rig file the plan was made with."),
+            click.option("--log", type=_OUT, help="Flight log to write (MCAP)."),
+            click.option(
+                "--realtime",
+                is_flag=True,
+                help="Pace to the wall instead of the virtual clock. Other terminals can command a motion only with "
+                "this, or on hardware.",
+            ),
+            click.option("--port", help="Device of the bus, instead of the one in the rig."),
+            click.option(
+                "--mcu-port",
+                help="Device of a microcontroller that has latches alone, instead of the one in the rig.",
+            ),
+            click.option(
+                "--stands",
+                type=click.Choice(["stowed", "deployed"]),
+                help="Your word for where the structure stands, where servos alone cannot tell.",
+            ),
+            click.option(
+                "--journal",
+                type=_OUT,
+                help="Where word is left before each stage.  [default: in ~/.local/state, one per rig; none for "
+                "simulated devices]",
+            ),
+            click.option(
+                "--trust-measured",
+                is_flag=True,
+                help="Your word that the structure stands as measured, whatever the journal says.",
+            ),
+            click.option("--speed", type=float, default=1.0, show_default=True, help="Part of the plan's speed."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def _tell_end(results: tuple[MotionResult, ...], stopped: StoppedBy | None, ends: str) -> None:
+    """Say what did not go as it should, and leave with the status for it."""
+    if not results:
+        click.echo("interrupted: before anything moved", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    for problem in results[-1].observer_errors:
+        warn(f"the motion went on without an observer: {problem}")
+    if stopped and not results[-1].succeeded:
+        where = "brought to rest along its path" if results[-1].outcome is Outcome.STOPPED else "see the fault above"
+        click.echo(f"interrupted: {where}; asked for by {stopped}", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    if not results[-1].succeeded:
+        click.echo(f"error: not {ends}", err=True)
+        sys.exit(EXIT_NOT_DONE)
+
+
 def _motion_command(name: Command, text: str, ends: str) -> None:
     @main.command(
         name,
         help=text,
         epilog=_example(f"ori-deploy {name} wing.plan.json --rig examples/rig_mock.toml --log run.mcap"),
     )
-    @click.argument("plan_file", metavar="PLAN", type=_IN)
-    @click.option("--rig", type=_IN, required=True, help="Rig file the plan was made with.")
-    @click.option("--log", type=_OUT, help="Flight log to write (MCAP).")
-    @click.option(
-        "--realtime",
-        is_flag=True,
-        help="Pace to the wall instead of the virtual clock. Other terminals can command a motion only with this, "
-        "or on hardware.",
-    )
-    @click.option("--port", help="Device of the bus, instead of the one in the rig.")
-    @click.option(
-        "--stands",
-        type=click.Choice(["stowed", "deployed"]),
-        help="Your word for where the structure stands, where servos alone cannot tell.",
-    )
-    @click.option(
-        "--mcu-port", help="Device of a microcontroller that has latches alone, instead of the one in the rig."
-    )
+    @_motion_options
     @span_option(name)
-    def command(
-        plan_file: Path,
-        rig: Path,
-        log: Path | None,
-        realtime: bool,
-        port: str | None,
-        stands: Place | None,
-        mcu_port: str | None,
-        span_unfolded: bool = False,
-    ) -> None:
-        made, results, stopped = carry_out(
-            plan_file,
-            rig,
-            (name,),
-            log,
-            realtime=realtime,
-            span_unfolded=span_unfolded,
-            port=port,
-            stands=stands,
-            mcu_port=mcu_port,
-        )
-        if not results:
-            click.echo("interrupted: before anything moved", err=True)
-            sys.exit(EXIT_INTERRUPTED)
-        for problem in results[-1].observer_errors:
-            warn(f"the motion went on without an observer: {problem}")
-        if stopped and not results[-1].succeeded:
-            where = (
-                "brought to rest along its path" if results[-1].outcome is Outcome.STOPPED else "see the fault above"
-            )
-            click.echo(f"interrupted: {where}; asked for by {stopped}", err=True)
-            sys.exit(EXIT_INTERRUPTED)
-        if not results[-1].succeeded:
-            click.echo(f"error: not {ends}", err=True)
-            sys.exit(EXIT_NOT_DONE)
+    def command(plan_file: Path, rig: Path, **given: Any) -> None:
+        made, results, stopped = carry_out(plan_file, rig, (name,), Options(**given))
+        _tell_end(results, stopped, ends)
         tell_span(made, name)
 
 
@@ -286,6 +294,18 @@ _motion_command(
     "deploy", "Carry PLAN out: unlock, open, latch. Ends with every latch confirmed, or says why not.", "deployed"
 )
 _motion_command("stow", "Carry PLAN out backwards: unlatch, close. Ends measured flat, or says why not.", "stowed")
+
+
+@main.command(epilog=_example("ori-deploy recover wing.plan.json --rig rig.toml --design wing.design.json"))
+@_motion_options
+@click.option("--design", type=_IN, required=True, help="Design file, to check every pose of the way with.")
+def recover(plan_file: Path, rig: Path, **given: Any) -> None:
+    """Bring cells that are out of step back onto the path, along a way that is checked for interference.
+
+    Ends holding, all cells at one fold; then deploy or stow.
+    """
+    _, results, stopped = carry_out(plan_file, rig, ("recover",), Options(**given))
+    _tell_end(results, stopped, "in step")
 
 
 @main.command(

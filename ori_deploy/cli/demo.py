@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, print_table, warn
-from ori_deploy.cli.session import carry_out
+from ori_deploy.cli.session import Options, carry_out
 from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
 from ori_deploy.design import Structure
 from ori_deploy.files import write_atomically
@@ -30,7 +30,9 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
     log.unlink(missing_ok=True)
     built, data, _ = make_design(spec, design_file)
     made = make_plan(design_file, rig, plan_file)
-    _, results, stopped = carry_out(plan_file, rig, ("deploy", "stow"), log, realtime=realtime, span_unfolded=True)
+    _, results, stopped = carry_out(
+        plan_file, rig, ("deploy", "stow"), Options(log=log, realtime=realtime, span_unfolded=True)
+    )
     if stopped and len(results) < 2:
         warn(f"interrupted, at rest: no figures were made; the flight so far is in {log}")
         return EXIT_INTERRUPTED

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import signal
 import time
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -12,14 +14,17 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from ori_deploy import realtime
 from ori_deploy.actuators.bus import ActuatorBus, CommandRefused
 from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import warn
+from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
+from ori_deploy.cli.recover import recovering
 from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
@@ -32,7 +37,7 @@ from ori_deploy.motion import Plan
 from ori_deploy.operate.desk import Session
 from sim_backends.mock import MockBus
 
-Command = Literal["deploy", "stow"]
+Command = Literal["deploy", "stow", "recover"]
 Place = Literal["stowed", "deployed"]
 
 _DWELL_S = 1.0
@@ -151,17 +156,46 @@ class StopRequest:
         self.requested = True
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How a session is carried out.
+
+    Attributes
+    ----------
+    log
+        Where the flight log goes; None for none.
+    realtime
+        Pace to the wall instead of the virtual clock; hardware always is.
+    span_unfolded
+        Whether somebody says that a span in segments is unfolded; without it, its cells are not opened.
+    port, mcu_port
+        Of the bus, and of a microcontroller that has latches alone, instead of those in the rig.
+    stands
+        Somebody's word for where the structure stands, for servos that forgot their turns or never knew.
+    journal
+        Where word is left before each stage; None for the default.
+    trust_measured
+        Whether somebody says that the structure stands as measured, whatever the journal says.
+    speed
+        Part of the plan's speed to go no faster than.
+    design
+        Design file, to look for a way back into step with.
+    """
+
+    log: Path | None = None
+    realtime: bool = False
+    span_unfolded: bool = False
+    port: str | None = None
+    mcu_port: str | None = None
+    stands: Place | None = None
+    journal: Path | None = None
+    trust_measured: bool = False
+    speed: float = 1.0
+    design: Path | None = None
+
+
 def carry_out(
-    plan_path: Path,
-    rig_path: Path,
-    commands: tuple[Command, ...],
-    log_path: Path | None,
-    *,
-    realtime: bool,
-    span_unfolded: bool = False,
-    port: str | None = None,
-    stands: Place | None = None,
-    mcu_port: str | None = None,
+    plan_path: Path, rig_path: Path, commands: tuple[Command, ...], options: Options
 ) -> tuple[Plan, tuple[MotionResult, ...], StoppedBy | None]:
     """Connect, arm, and carry commands out until one does not succeed or somebody stops it.
 
@@ -173,18 +207,6 @@ def carry_out(
         Files.
     commands
         In order. Simulated servos start where the first one makes sense.
-    log_path
-        Where the flight log goes; None for none.
-    realtime
-        Pace to the wall instead of the virtual clock; hardware always is.
-    span_unfolded
-        Whether somebody says that a span in segments is unfolded; without it, its cells are not opened.
-    port
-        Of the bus, instead of the one in the rig.
-    stands
-        Somebody's word for where the structure stands, for servos that forgot their turns or never knew.
-    mcu_port
-        Of a microcontroller that has latches alone.
 
     Returns
     -------
@@ -197,38 +219,48 @@ def carry_out(
     BusError
         The bus cannot be opened.
     """
-    if log_path is not None:
-        refuse_overwriting(log_path, plan_path, rig_path)
+    o = options
+    if o.log is not None:
+        refuse_overwriting(o.log, plan_path, rig_path)
     plan = load_plan(plan_path)
     if "deploy" in commands:
-        require_unfolded(plan, span_unfolded)  # before anything is armed
+        require_unfolded(plan, o.span_unfolded)  # before anything is armed
     rig = rig_for(rig_path, plan)
-    real = realtime or rig.backend != "mock"
+    begin: dict[Command, Callable[[Controller], None]] = {
+        "deploy": lambda controller: controller.deploy(span_unfolded=o.span_unfolded),
+        "stow": lambda controller: controller.stow(),
+    }
+    if "recover" in commands:
+        begin["recover"] = recovering(o.design, plan)
+    real = o.realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
-    bus = make_bus(rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", port, stands, mcu_port)
-    session = Session(plan_path.absolute(), rig_path.absolute(), log_path and log_path.absolute())
+    bus = make_bus(
+        rig, plan, clock, "stowed" if commands[0] == "deploy" else "deployed", o.port, o.stands, o.mcu_port
+    )
+    session = Session(plan_path.absolute(), rig_path.absolute(), o.log and o.log.absolute())
     results: list[MotionResult] = []
-    recording = flight_recorder(log_path, plan_path, rig_path, plan, rig, clock)
     with (
         StopRequest() as stop,
         Live(rig, real=real) as live,
-        recording as recorder,
-        controller_for(plan, rig, bus, clock, (live,), recorder) as controller,
+        flight_recorder(o.log, plan_path, rig_path, plan, rig, clock) as recorder,
+        journal(o.journal, rig_path, rig, o.port, clock) as left_word,
+        controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,
+        punctual(real),
     ):
         controller.connect()
         tell_advice(bus)
+        if o.trust_measured:
+            controller.trust_measured()
+        controller.limit_speed(o.speed)
         if not stop.requested:
-            vouch_for(bus, rig, plan, stands)
+            vouch_for(bus, rig, plan, o.stands)
             controller.arm()
         with operated(controller, plan, rig, bus, clock, session) if real else nullcontext() as operator:
             for command in commands:
                 if stop.requested:
                     break
                 live.begin(command)
-                if command == "deploy":
-                    controller.deploy(span_unfolded=span_unfolded)
-                else:
-                    controller.stow()
+                begin[command](controller)
                 results.append(run_command(controller, stop, operator))
                 if recorder is not None:
                     recorder.write_result(results[-1])
@@ -238,6 +270,21 @@ def carry_out(
                 if command != commands[-1]:
                     _dwell(controller, rig, operator)
     return plan, tuple(results), _stopped_by(stop, operator)
+
+
+@contextmanager
+def punctual(real: bool) -> Iterator[None]:
+    """Ask for real-time priority for as long as the loop runs, where time is real; say so where it is refused."""
+    if not real:
+        yield
+        return
+    granted = realtime.ask()
+    if granted.refused:
+        warn(str(granted))
+    try:
+        yield
+    finally:
+        realtime.give_back()
 
 
 def _stopped_by(stop: StopRequest, operator: Operator | None) -> StoppedBy | None:

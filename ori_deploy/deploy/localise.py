@@ -80,7 +80,8 @@ def locate(
             value=f"fold {folds[worst]:.4f} against {middle:.4f}; "
             f"spread of all cells {spread:.4f} ({rig.cell_ids[low]} to {rig.cell_ids[high]})",
             limit=f"the plan's step tolerance, here {allowed_spread:.4f}",
-            remedy=f"with torque off, move cell {rig.cell_ids[worst]} to the fold of the others",
+            remedy=f"`ori-deploy recover` looks for a safe way back; or, with torque off, move cell "
+            f"{rig.cell_ids[worst]} to the fold of the others",
         )
     path_time = table.time_at(float(folds.mean()))
     away = np.abs(rig.to_crease(shaft_rad) - rig.to_crease(table.shaft_at(path_time)))
@@ -90,7 +91,8 @@ def locate(
             f"crease {rig.hinges[worst].crease} of cell {rig.cell_ids[worst]} is off the path",
             value=f"{away[worst]:.4f} rad from fold {folds.mean():.4f}",
             limit=f"start_tolerance_rad = {rig.controller.start_tolerance_rad:.4f}",
-            remedy=f"with torque off, move cell {rig.cell_ids[worst]} to the path, or correct zero_rad of its hinge",
+            remedy=f"`ori-deploy recover` looks for a safe way back; or, with torque off, move cell "
+            f"{rig.cell_ids[worst]} to the path; or correct zero_rad of its hinge",
             source=rig.source,
         )
     return path_time

@@ -22,7 +22,20 @@ from tests.cli.inside import run
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-COMMANDS = ("design", "poses", "plan", "deploy", "stow", "report", "demo", "limit", "strip", "bus", "doctor")
+COMMANDS = (
+    "design",
+    "poses",
+    "plan",
+    "deploy",
+    "stow",
+    "report",
+    "replay",
+    "demo",
+    "limit",
+    "strip",
+    "bus",
+    "doctor",
+)
 
 
 @pytest.fixture(scope="session")
@@ -294,6 +307,6 @@ def test_a_signal_before_torque_leaves_it_off(made: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(session, "StopRequest", Requested)
     monkeypatch.setattr(Controller, "arm", armed)
     _, results, stopped = session.carry_out(
-        made / "wing.plan.json", EXAMPLES / "rig_mock.toml", ("deploy",), None, realtime=False
+        made / "wing.plan.json", EXAMPLES / "rig_mock.toml", ("deploy",), session.Options()
     )
     assert (results, stopped) == ((), StoppedBy.SIGNAL)

@@ -1,0 +1,55 @@
+"""Which journal a session writes: one per rig file, and none for what is not there tomorrow."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ori_deploy.actuators.resolve import ResolvedRig
+from ori_deploy.clock import Clock, VirtualClock
+from ori_deploy.deploy.journal import JournalFile
+from ori_deploy.errors import FileError
+
+_PSEUDO_TERMINALS = "/dev/pts/"
+
+
+def default_path(rig_path: Path, rig: ResolvedRig, port: str | None) -> Path | None:
+    """In `$XDG_STATE_HOME/ori-deploy`, named after the rig file; None for simulated devices.
+
+    Simulated ones stand somewhere else each time they are started, and a journal would only be in the way.
+    """
+    settings = rig.wiring.settings if rig.wiring is not None else rig.mcu.settings if rig.mcu is not None else None
+    device = port or (settings.port if settings is not None else "")
+    if rig.backend == "mock" or not device or os.path.realpath(device).startswith(_PSEUDO_TERMINALS):
+        return None
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    name = hashlib.sha256(str(rig_path.resolve()).encode()).hexdigest()[:12]
+    return state / "ori-deploy" / f"{rig_path.stem}-{name}.journal.json"
+
+
+@contextmanager
+def journal(
+    path: Path | None, rig_path: Path, rig: ResolvedRig, port: str | None, clock: Clock
+) -> Iterator[JournalFile | None]:
+    """The journal of a session: at `path`, or where it is by default; None for none.
+
+    Raises
+    ------
+    FileError
+        It cannot be read or written; nothing has moved yet.
+    """
+    where = path or default_path(rig_path, rig, port)
+    if where is None:
+        yield None
+        return
+    try:
+        where.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as wrong:
+        raise FileError(
+            f"{where}: the journal cannot be written", value=wrong.strerror, remedy="give another with --journal"
+        ) from wrong
+    with JournalFile(where, wait=isinstance(clock, VirtualClock)) as file:
+        yield file
