@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -94,9 +94,9 @@ def controller_for(
     )
 
 
-def versions(clock: Clock) -> dict[str, Any]:
+def versions(clock: Clock) -> Callable[[], dict[str, Any]]:
     """What the loop runs on: the message of `/versions`. The date is for people; nothing depends on it."""
-    return {
+    told = {
         "ori_deploy": version("ori-deploy"),
         "python": platform.python_version(),
         "numpy": np.__version__,
@@ -104,10 +104,11 @@ def versions(clock: Clock) -> dict[str, Any]:
         "machine": platform.machine(),
         "processors": os.cpu_count() or 0,
         "affinity": sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [],
-        "scheduling": _scheduling(),
+        "scheduling": "",
         "clock": "virtual" if isinstance(clock, VirtualClock) else "real",
         "begun_utc": datetime.now(UTC).isoformat(timespec="seconds"),
     }
+    return lambda: {**told, "scheduling": _scheduling()}
 
 
 def _scheduling() -> str:

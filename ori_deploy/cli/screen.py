@@ -18,7 +18,7 @@ from typing import Protocol
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from ori_deploy.cli.frame import console
-from ori_deploy.telemetry.channel import Sender, incoming, spawn
+from ori_deploy.telemetry.channel import NAP_S, Sender, incoming, spawn
 
 _ROOM_BYTES = 1 << 16
 _STOP_S = 5.0
@@ -158,7 +158,7 @@ def main(words: list[str]) -> None:
         "end": drawn.end,
     }
     try:
-        for frame in incoming(socket.socket(fileno=int(words[0])), 3600.0):
+        for frame in incoming(socket.socket(fileno=int(words[0])), 3600.0, NAP_S):
             for name, *arguments in frame or ():
                 if name in does:
                     does[name](*arguments)

@@ -97,14 +97,14 @@ class Sender:
         if self.dropped > self._told:
             frame = [("dropped", self.dropped), *frame]
         data = packed(frame)
-        self._push()
+        self.push()
         if not (self._waits or urgent) and self._pending and self._pending_bytes + len(data) > self._room:
             self.dropped += 1
             return
         self._told = self.dropped
         self._pending.append(memoryview(data))
         self._pending_bytes += len(data)
-        self._push()
+        self.push()
         if self._waits:
             self._drain(time.monotonic() + PATIENCE_S)
 
@@ -141,10 +141,10 @@ class Sender:
         """Hand everything over, waiting for room."""
         while self._pending:
             self._await(self._end, deadline, writing=True)
-            self._push()
+            self.push()
 
-    def _push(self) -> None:
-        """Hand over as much as the socket takes."""
+    def push(self) -> None:
+        """Hand over as much as the socket takes; `send` does so, too."""
         while self._pending:
             try:
                 sent = self._end.send(self._pending[0])
@@ -197,11 +197,18 @@ def spawn(
     return process, ours
 
 
-def incoming(end: socket.socket, every_s: float) -> Iterator[Frame | None]:
-    """Frames as they come, until the other end closes; None at least every so often, when none comes."""
+NAP_S = 0.02
+"""How long a reader of a loop in real time leaves things be after it has read: a reader that is woken by every
+cycle may be given the loop's processor, in the middle of the cycle. A socket holds more than comes in that time."""
+
+
+def incoming(end: socket.socket, every_s: float, nap_s: float = 0.0) -> Iterator[Frame | None]:
+    """Frames as they come, until the other end closes, and None every so often; pauses after every reading."""
     reader = Reader()
     due = time.monotonic() + every_s
     while True:
+        if nap_s:
+            time.sleep(nap_s)
         left = due - time.monotonic()
         if left <= 0.0:
             due = time.monotonic() + every_s

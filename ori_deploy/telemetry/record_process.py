@@ -1,4 +1,4 @@
-"""The recorder's own process: `python -m ori_deploy.telemetry.record_process SOCKET FILE PATH PARTIAL`.
+"""The recorder's own process: `python -m ori_deploy.telemetry.record_process SOCKET FILE PATH PARTIAL NAP_S`.
 
 Reads frames until the loop says that the log is whole, or is gone: then the log is finished all the same. After a
 failed write it tells the loop, and goes on reading so that nobody waits for it.
@@ -27,7 +27,7 @@ def main(words: list[str]) -> None:
     """Record until there is nothing more to record."""
     end = socket.socket(fileno=int(words[0]))
     path, partial = Path(words[2]), Path(words[3])
-    frames = incoming(end, _SYNC_EVERY_S)
+    frames = incoming(end, _SYNC_EVERY_S, float(words[4]))
     first = next((frame for frame in frames if frame is not None), None)
     if first is None:
         return  # the loop was gone before anything happened

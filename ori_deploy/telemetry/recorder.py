@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
@@ -14,7 +14,7 @@ from typing import Any, Self
 
 from ori_deploy.clock import Clock
 from ori_deploy.deploy.result import CycleRecord, MotionResult
-from ori_deploy.telemetry.channel import ROOM_BYTES, Frame, Sender, spawn
+from ori_deploy.telemetry.channel import NAP_S, ROOM_BYTES, Frame, Sender, spawn
 from ori_deploy.telemetry.frames import CycleFrames, message, result_item
 from ori_deploy.telemetry.log import open_partial
 from ori_deploy.telemetry.tape import Tape
@@ -39,7 +39,7 @@ class Recorder:
     clock
         The controller's, not on the tape.
     versions
-        The message of `/versions`.
+        Gives the message of `/versions` after the first cycle: by then the loop has the priority it asked for.
     files
         Plan and rig, by name.
     waits
@@ -64,7 +64,7 @@ class Recorder:
         info: dict[str, Any],
         clock: Clock,
         *,
-        versions: dict[str, Any],
+        versions: Callable[[], dict[str, Any]],
         files: Mapping[str, bytes],
         waits: bool,
         room_bytes: int = ROOM_BYTES,
@@ -79,7 +79,8 @@ class Recorder:
         self._record_s = 0.0
         self.partial_path, stream = open_partial(self.path)
         with stream:
-            words = (str(stream.fileno()), str(self.path), str(self.partial_path))
+            nap_s = 0.0 if waits else NAP_S
+            words = (str(stream.fileno()), str(self.path), str(self.partial_path), str(nap_s))
             self._process, end = spawn(
                 "ori_deploy.telemetry.record_process",
                 words,
@@ -87,7 +88,8 @@ class Recorder:
                 stdout=subprocess.DEVNULL,
             )
         self._sender = Sender(end, waits=waits, room_bytes=room_bytes)
-        self._begin(info, versions, files)
+        self._versions: Callable[[], dict[str, Any]] | None = versions
+        self._begin(info, files)
 
     @property
     def pid(self) -> int:
@@ -105,6 +107,9 @@ class Recorder:
         lateness_s = float(record.time_s - record.deadline_s)
         frame.append(("timing", time_s, lateness_s, tape.wait_s, tape.read_s, tape.send_s, decide_s, self._record_s))
         frame.append(("tape", time_s, tape.take()))
+        if self._versions is not None:
+            frame.append(message("/versions", time_s, self._versions()))
+            self._versions = None
         self._send(frame)
         self._record_s = perf_counter() - begun
 
@@ -184,26 +189,31 @@ class Recorder:
 
     # -- inside --------------------------------------------------------------------------------------
 
-    def _begin(self, info: dict[str, Any], versions: dict[str, Any], files: Mapping[str, bytes]) -> None:
+    def _begin(self, info: dict[str, Any], files: Mapping[str, bytes]) -> None:
         """Hand over what does not change, and wait until the process writes."""
         now = self._clock.now()
-        self._sender.send([("info", info)], urgent=True)
-        frame = [message("/versions", now, versions)]
+        frame = []
         for name, data in files.items():
             text = {"name": name, "sha256": sha256(data).hexdigest(), "text": data.decode()}
             frame.append(message("/file", now, text))
-        self._sender.send(frame, urgent=True)
         deadline = time.monotonic() + START_S
-        while not self._ready:
-            self._listen()
-            if self._failure is not None or self._process.poll() is not None or time.monotonic() > deadline:
-                failure = self._failure or self._death()
-                self._process.kill()
-                self._process.wait()
-                self._sender.close()
-                self.partial_path.unlink(missing_ok=True)
-                raise failure
-            time.sleep(0.002)
+        try:
+            self._sender.send([("info", info)], urgent=True)
+            if frame:
+                self._sender.send(frame, urgent=True)
+            while not self._ready:
+                self._listen()
+                if self._failure is not None or self._process.poll() is not None or time.monotonic() > deadline:
+                    raise self._failure or BrokenPipeError
+                self._sender.push()
+                time.sleep(0.002)
+        except OSError as error:
+            failure = self._failure or self._death()
+            self._process.kill()
+            self._process.wait()
+            self._sender.close()
+            self.partial_path.unlink(missing_ok=True)
+            raise failure from error
 
     def _try(self, frame: Frame) -> None:
         """Pass on what is rare and matters. A failure is kept for `problems` and `close`."""

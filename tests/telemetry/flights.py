@@ -99,7 +99,9 @@ def recorded(
 ) -> Iterator[tuple[Flight, Recorder]]:
     """A controller with the recorder in its own process, as a session has it."""
     words = {"waits": isinstance(clock, VirtualClock), **words}
-    recorder = Recorder(path, plan_info(plan, rig), clock, versions=VERSIONS, files={"note": b"a plan\n"}, **words)
+    recorder = Recorder(
+        path, plan_info(plan, rig), clock, versions=lambda: VERSIONS, files={"note": b"a plan\n"}, **words
+    )
     try:
         yield flight(recorder, plan, rig, clock), recorder
     finally:
