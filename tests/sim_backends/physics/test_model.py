@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ori_deploy.design import build
 from ori_deploy.errors import InputError
-from ori_deploy.files import Design
+from ori_deploy.files import Design, build_from_file
 from ori_deploy.loads import Loads
 from ori_deploy.profiles import Superellipse
 from sim_backends.physics import need
@@ -20,12 +20,13 @@ from sim_backends.physics.model import Model, mjcf
 from sim_backends.physics.pieces import convex_pieces
 from sim_backends.physics.world import World
 from tests.shapes import ring_on
-from tests.sim_backends.physics.structures import CALM, design, poses_of
+from tests.sim_backends.physics.structures import CALM, EXAMPLES, design, poses_of
 
 NAMES = [
     "wing", "one cell", "two cells", "two inner vertices", "peanut 8", "circle 6 without wall", "polygon 5",
     "cone elliptic 6", "cone wing, apex below", "cone two inner vertices", "cone circular 6 without wall",
 ]  # fmt: skip
+GALLERY = sorted(p for p in EXAMPLES.glob("*.toml") if not p.name.startswith(("rig_", "loads_", "sweep_")))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -147,3 +148,21 @@ def test_missing_mujoco_is_one_line_that_names_the_extra(monkeypatch: pytest.Mon
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(InputError, match=r"ori-deploy\[physics\]"):
         need.mujoco()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
+def test_every_example_is_modelled(path: Path) -> None:
+    spec, structure = build_from_file(path)
+    made = Design(path.stem, spec.structure.span_m, structure, r_min_m=spec.structure.r_min_m)
+    world = World(Model(made, Loads(damping_nm_s=1e-3)))
+    for fold in (0.0, 0.2, 0.7, 1.0):
+        world.put(fold)
+        np.testing.assert_allclose(world.matrices, poses_of(world.model, fold), atol=1e-9)
+        assert world.n_contacts == 0
+    world.put(0.5)
+    for _ in range(20):
+        world.step()
+    assert np.isfinite(world.angles).all()
+    # Let go all at once, without servos: the hardest that loops are pulled at.
+    assert world.loop_gap_m < 5e-3 * world.model.linkage.size_m
