@@ -80,7 +80,6 @@ class PlantSpec:
             A file cannot be used, or belongs to another structure; MuJoCo is missing.
         """
         from ori_deploy.files import load_design, load_loads  # slow to import, and wanted for this alone
-        from ori_deploy.loads import Loads
         from sim_backends.physics.model import Drive, Model
         from sim_backends.physics.plant import Plant
         from sim_backends.physics.world import World
@@ -96,7 +95,9 @@ class PlantSpec:
             self.names, self.creases, self.shaft_per_crease, self.zero_rad, self.torque_nm, strict=True
         )  # fmt: skip
         drives = tuple(Drive(n, cell, c, g, z, t) for cell, (n, c, g, z, t) in enumerate(parts))
-        loads = Loads() if self.loads is None else load_loads(Path(self.loads))
-        world = World(Model(made, loads, drives))
+        if self.loads is None:
+            world = World(Model(made, drives=drives))
+        else:
+            world = World(Model(made, load_loads(Path(self.loads)), drives))
         world.put_angles(np.array(self.crease_rad))
         return Plant(world, self.play_rad)
