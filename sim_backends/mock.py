@@ -55,6 +55,8 @@ class MockBus(ActuatorBus):
         What the servos drive and the latches hold; None for servos that know nothing of each other.
     """
 
+    limits_effort = True
+
     def __init__(
         self,
         clock: Clock,
@@ -155,6 +157,17 @@ class MockBus(ActuatorBus):
         self._advance()
         return self._servos.torque_on.copy()
 
+    @property
+    def true_torque_nm(self) -> FloatArray:
+        """(n_hinges,) what every servo pushes with."""
+        self._advance()
+        return self._servos.torque_nm.copy()
+
+    @property
+    def true_effort(self) -> FloatArray:
+        """(n_hinges,) part of its stall torque that every servo may use."""
+        return self._servos.effort.copy()
+
     def truly_closed(self, latch_id: str) -> bool:
         """Whether a latch is truly closed, whatever its sensor says."""
         self._advance()
@@ -204,6 +217,25 @@ class MockBus(ActuatorBus):
         self._advance()
         self._servos.jammed[self._hinge_index(hinge_id)] = False
 
+    def end_stop(self, hinge_id: str, shaft_rad: float) -> None:
+        """Put something in the way of a crease, where its servo would be at `shaft_rad`; it stays on its side of it.
+
+        Not for servos with a load of their own: its obstacles are the load's business.
+        """
+        if self._load is not None:
+            raise ValueError("what servos drive has obstacles of its own, see sim_backends.physics.model.Obstacle")
+        self._advance()
+        i = self._hinge_index(hinge_id)
+        if self._servos.output_rad[i] <= shaft_rad:
+            self._free_upper[i] = shaft_rad
+        else:
+            self._free_lower[i] = shaft_rad
+
+    def clear_stops(self) -> None:
+        """Take everything out of the way again."""
+        self._advance()
+        self._free_lower[:], self._free_upper[:] = -np.inf, np.inf
+
     def push(self, hinge_id: str, by_rad: float) -> None:
         """Turn a shaft by hand, at once."""
         self._advance()
@@ -212,11 +244,12 @@ class MockBus(ActuatorBus):
         self._servos.output_rad[i] += by_rad
 
     def reboot(self, hinge_id: str) -> None:
-        """Restart a servo: torque off, errors gone, position as it was."""
+        """Restart a servo: torque off, errors and limits gone, position as it was."""
         self._advance()
         i = self._hinge_index(hinge_id)
         self._servos.torque_on[i] = False
         self._servos.hardware_error[i] = 0
+        self._servos.effort[i] = 1.0
 
     def overheat(self, hinge_id: str, temperature_c: float) -> None:
         """Bring a servo to a temperature, from which it cools."""
@@ -273,6 +306,11 @@ class MockBus(ActuatorBus):
         self._require_plug()
         self._advance()
         self._servos.goal_rad = np.array(position_rad, dtype=np.float64)
+
+    def _limit_effort(self, part: float) -> None:
+        self._require_plug()
+        self._advance()
+        self._servos.effort[:] = part
 
     def _set_torque(self, on: bool) -> None:
         self._require_plug()
@@ -386,14 +424,15 @@ class MockBus(ActuatorBus):
                 latch.step(STEP_S, self._servos.output_rad)
 
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        """(n_hinges,) each: the range that closed latches leave to the creases."""
+        """(n_hinges,) each: the range that end stops and closed latches leave to the creases."""
         lower, upper = self._free_lower, self._free_upper
         for latch in self._latches:
             if latch.restrains:
                 held = np.isfinite(latch.range_rad)
                 output = self._servos.output_rad  # what is caught off centre may come closer, not leave
-                lower = np.where(held, np.minimum(output, latch.closed_rad - GRIP_RAD), lower)
-                upper = np.where(held, np.maximum(output, latch.closed_rad + GRIP_RAD), upper)
+                low, high = latch.closed_rad - GRIP_RAD, latch.closed_rad + GRIP_RAD
+                lower = np.where(held, np.maximum(lower, np.minimum(output, low)), lower)
+                upper = np.where(held, np.minimum(upper, np.maximum(output, high)), upper)
         return lower, upper
 
     def _require_plug(self) -> None:

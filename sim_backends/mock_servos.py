@@ -67,6 +67,8 @@ class ServoPhysics:
         self.torque_on = np.zeros(n, dtype=np.bool_)
         self.jammed = np.zeros(n, dtype=np.bool_)
         self.temperature_c = np.full(n, settings.ambient_c)
+        self.effort = np.ones(n)  # part of the stall torque that each may use
+        self.torque_nm = np.zeros(n)
         self.current_a = np.full(n, IDLE_A)
         self.hardware_error = np.zeros(n, dtype=np.uint8)
         self.sag_v = 0.0
@@ -86,37 +88,40 @@ class ServoPhysics:
             self._step_loaded(self._load)
             return
         limits, load = self._limits, self._settings.load_nm
+        most = limits.torque_nm * self.effort
+        strong = most > load  # a limit below the load leaves nothing to move with
         spare = np.clip(1.0 - load / limits.torque_nm, 0.0, 1.0)
         speed = limits.velocity_rad_s * spare * (self.supply_v / self._settings.supply_v)
         error = self.goal_rad - self.shaft_rad
-        wish = np.clip(self._gain * error, -speed, speed) * self.torque_on
+        wish = np.clip(self._gain * error, -speed, speed) * (self.torque_on & strong)
         play = 0.5 * self._settings.backlash_rad
         wanted = self.shaft_rad + STEP_S * wish
         reached = np.clip(wanted, lower_rad - play, upper_rad + play)
         reached[self.jammed] = self.shaft_rad[self.jammed]
-        blocked = np.abs(wanted - reached) > 1e-9
+        blocked = (np.abs(wanted - reached) > 1e-9) | (~strong & (np.abs(error) > 1e-3))
         self.velocity_rad_s = (reached - self.shaft_rad) / STEP_S
         self.shaft_rad = reached
         self.output_rad = np.clip(self.output_rad, reached - play, reached + play)
         push = np.minimum(np.abs(error) / STALL_ERROR_RAD, 1.0) * limits.torque_nm
-        torque = np.where(blocked, push, load + FRICTION_NM_S * np.abs(self.velocity_rad_s)) * self.torque_on
-        self._electrics(torque)
+        running = load + FRICTION_NM_S * np.abs(self.velocity_rad_s)
+        self._electrics(np.minimum(np.where(blocked, push, running), most) * self.torque_on)
 
     def _step_loaded(self, load: Load) -> None:
         """Advance by `STEP_S` with a load that pulls back; what holds it is the load's business."""
         limits = self._limits
         no_load = limits.velocity_rad_s * (self.supply_v / self._settings.supply_v)
         wish = np.clip(self._gain * (self.goal_rad - self.shaft_rad), -no_load, no_load) * self.torque_on
-        most = limits.torque_nm * self.torque_on
+        most = limits.torque_nm * self.effort * self.torque_on
         self.velocity_rad_s = shaft_rates(wish, self._load_nm, no_load, limits.torque_nm, most)
         self.velocity_rad_s[self.jammed] = 0.0
         self.shaft_rad = self.shaft_rad + STEP_S * self.velocity_rad_s
         reaction = load.step(self.shaft_rad, STEP_S)
         self._load_nm, self.output_rad = reaction.torque_nm, reaction.output_rad
         rubbing = FRICTION_NM_S * np.abs(self.velocity_rad_s)
-        self._electrics((np.minimum(np.abs(self._load_nm), limits.torque_nm) + rubbing) * self.torque_on)
+        self._electrics(np.minimum(np.abs(self._load_nm) + rubbing, most))
 
     def _electrics(self, torque_nm: FloatArray) -> None:
+        self.torque_nm = torque_nm
         self.current_a = IDLE_A + AMP_PER_NM * torque_nm
         heating = HEAT_C_PER_A2_S * self.current_a**2
         self.temperature_c += STEP_S * (heating - (self.temperature_c - self._settings.ambient_c) / COOLING_S)

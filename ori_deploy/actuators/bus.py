@@ -242,7 +242,7 @@ class ActuatorBus(ABC):
             self._close()
 
     def enable_torque(self, readings: HingeReadings | None = None) -> FloatArray:
-        """Turn torque on where every hinge stands: the goal is the measured position.
+        """Turn torque on where every hinge stands: the goal is the measured position, the effort not limited.
 
         Parameters
         ----------
@@ -268,6 +268,8 @@ class ActuatorBus(ABC):
             )
         self._check_goals(readings.position_rad)
         self._write_goals(readings.position_rad, None)
+        if self.limits_effort:
+            self._limit_effort(1.0)
         self._set_torque(True)
         return readings.position_rad
 
@@ -275,6 +277,34 @@ class ActuatorBus(ABC):
         """Let every hinge go limp. Latches stay as they are."""
         self._require_connection()
         self._set_torque(False)
+
+    @property
+    def limits_effort(self) -> bool:
+        """Whether `limit_effort` limits anything; hobby servos push with all they have, whatever they are told."""
+        return False
+
+    def limit_effort(self, part: float) -> None:
+        """Let hinges push with at most this part of what they otherwise may, until `enable_torque` or the next call.
+
+        A bus that cannot, see `limits_effort`, does nothing.
+
+        Parameters
+        ----------
+        part
+            Above 0, up to 1, which is no limit. Servos whose voltage is limited turn slower in proportion, too.
+
+        Raises
+        ------
+        CommandRefused
+            It is no such part; the limit stays as it was.
+        """
+        self._require_connection()
+        if not 0.0 < part <= 1.0:  # true for NaN as well
+            raise CommandRefused(
+                f"effort is {part:g} of what hinges may; limit: above 0, up to 1; remedy: 0.5 is half as strong"
+            )
+        if self.limits_effort:
+            self._limit_effort(part)
 
     def unvouched(self) -> tuple[str, ...]:
         """Hinges of which nobody knows where they stand before `vouch`; none where all sensors know."""
@@ -423,6 +453,9 @@ class ActuatorBus(ABC):
 
     def _brake(self) -> float:
         return 0.0
+
+    def _limit_effort(self, part: float) -> None:
+        raise NotImplementedError(f"{type(self).__name__} says that it limits effort, and does not")
 
     @abstractmethod
     def _open(self) -> None: ...

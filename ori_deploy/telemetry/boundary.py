@@ -12,7 +12,7 @@ from ori_deploy.deploy.journal import Entry
 ASKS = frozenset(
     {
         *("now", "read_hinges", "read_health", "read_latches", "due_s", "delay_s", "brake_s", "connected"),
-        *("has_journal", "last", "settled", "failure"),
+        *("limits_effort", "has_journal", "last", "settled", "failure"),
     }
 )
 """What only asks; every other call, of bus, clock or journal, is a decision."""
@@ -75,6 +75,13 @@ class BoundaryBus(ActuatorBus):
 
     def disable_torque(self) -> None:
         self._call("disable_torque")
+
+    @property
+    def limits_effort(self) -> bool:
+        return bool(self._call("limits_effort"))
+
+    def limit_effort(self, part: float) -> None:
+        self._call("limit_effort", part)
 
     def unvouched(self) -> tuple[str, ...]:
         return tuple(self._call("unvouched"))

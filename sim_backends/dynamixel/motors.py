@@ -38,8 +38,9 @@ class Motors:
 
     Attributes
     ----------
-    goal_rad, torque_on, limit_nm, profile_rad_s, profile_rad_s2
-        What the servo's registers say; profiles are inf for none.
+    goal_rad, torque_on, limit_nm, duty, profile_rad_s, profile_rad_s2
+        What the servo's registers say; `duty` is the part of the supply that the motor may have, profiles are inf
+        for none.
     frozen
         Stopped by a watchdog: holds where it is.
     shaft_rad, output_rad, velocity_rad_s
@@ -81,6 +82,7 @@ class Motors:
         self.frozen = np.zeros(n, dtype=np.bool_)
         self.jammed = np.zeros(n, dtype=np.bool_)
         self.limit_nm = self.stall_nm.copy()
+        self.duty = np.ones(n)
         self.profile_rad_s = np.full(n, np.inf)
         self.profile_rad_s2 = np.full(n, np.inf)
         self.torque_nm = np.zeros(n)
@@ -133,7 +135,7 @@ class Motors:
         """Advance by `STEP_S`, to `now`."""
         self.now = now
         self._profile()
-        spare = np.clip(1.0 - self._load_nm / self.stall_nm, 0.0, 1.0)
+        spare = np.clip(self.duty - self._load_nm / self.stall_nm, 0.0, 1.0)
         speed = self._no_load * spare * (self.supply_v / self._nominal_v)
         error = self._way_rad - self.shaft_rad
         strong = self.limit_nm > self._load_nm  # a limit below the load leaves nothing to move with

@@ -314,20 +314,26 @@ class Servo:
         velocity, acceleration = self.get(table.profile_velocity), self.get(table.profile_acceleration)
         motors.profile_rad_s[k] = velocity * VELOCITY_UNIT_RPM * RPM if velocity else inf
         motors.profile_rad_s2[k] = acceleration * ACCELERATION_UNIT_RPM2 * RPM / 60.0 if acceleration else inf
-        motors.limit_nm[k] = motors.stall_nm[k] * self._effort()
+        motors.duty[k] = self._duty()
+        motors.limit_nm[k] = motors.stall_nm[k] * min(motors.duty[k], self._current_part())
 
-    def _effort(self) -> float:
-        """Part of the stall torque that the limits leave."""
+    def _current_part(self) -> float:
+        """Part of the stall torque that the current limits leave."""
         table, part = self.table, 1.0
         if self.model.current_unit_a is not None and table.current_limit is not None:
             units = self.get(table.current_limit)
             if self.mode is OperatingMode.CURRENT_BASED_POSITION and table.goal_current is not None:
                 units = min(units, abs(self.get(table.goal_current)))
             part = units * self.model.current_unit_a / self.model.stall_current_a
+        return min(1.0, part)
+
+    def _duty(self) -> float:
+        """Part of the supply that the motor may have: less makes it weaker, and slower."""
+        table = self.table
         pwm = self.get(table.pwm_limit)
         if self.mode not in (OperatingMode.CURRENT, OperatingMode.VELOCITY):
             pwm = min(pwm, abs(self.get(table.goal_pwm)))
-        return min(1.0, part, pwm / (table.pwm_limit.maximum or 1))
+        return min(1.0, pwm / (table.pwm_limit.maximum or 1))
 
     def _measure(self) -> None:
         """Bring effort, velocity and position up to date: 126 to 135."""

@@ -45,6 +45,8 @@ class Subject:
     unplug: Callable[[], None]
     replug: Callable[[], None]
     senses_current: bool = True
+    effort: Callable[[], list[float]] | None = None
+    """Part of its strength that every hinge may truly use; None where nothing can limit it."""
 
     def wait(self, duration_s: float) -> None:
         self.clock.sleep_until(self.clock.now() + duration_s)
@@ -65,7 +67,8 @@ def mock(folder: Path) -> Iterator[Subject]:
     clock = VirtualClock()
     angles = plan.crease_angles_rad
     bus = MockBus.from_rig(rig, clock, angles[0], angles[-1], start_rad=angles[len(angles) // 2])
-    yield Subject(bus, clock, bus.drop_replies, bus.corrupt_replies, bus.mute, bus.overload, bus.unplug, bus.replug)
+    faults = bus.drop_replies, bus.corrupt_replies, bus.mute, bus.overload, bus.unplug, bus.replug
+    yield Subject(bus, clock, *faults, effort=lambda: list(bus.true_effort))
 
 
 @contextmanager
@@ -106,6 +109,7 @@ def dynamixel(
                 lambda name: virtual.overload(ids[name]),
                 virtual.unplug,
                 virtual.replug,
+                effort=lambda: [virtual.register(i, "goal_pwm") / 885 for i in ids.values()],
             )
         finally:
             bus.close()

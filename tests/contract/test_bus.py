@@ -214,6 +214,46 @@ def test_disabled_torque_follows_no_goal(connected: Subject) -> None:
     np.testing.assert_allclose(connected.positions(), goal, atol=0.02)
 
 
+def test_effort_is_limited_where_the_bus_says_so_until_torque_goes_on_anew(connected: Subject) -> None:
+    bus, effort = connected.bus, connected.effort
+    assert bus.limits_effort == (effort is not None), "a bus says whether it can, and no caller has to try"
+    goal = bus.enable_torque() + STEP_RAD
+    bus.limit_effort(0.4)
+    bus.command_hinges(goal)
+    connected.wait(1.0)
+    np.testing.assert_allclose(connected.positions(), goal, atol=0.02)  # that is strength enough to get there
+    if effort is not None:
+        np.testing.assert_allclose(effort(), 0.4, atol=2e-3)
+    bus.limit_effort(1.0)
+    connected.positions()  # behind this answer it has been heard
+    if effort is not None:
+        np.testing.assert_allclose(effort(), 1.0)
+    bus.limit_effort(0.7)
+    bus.enable_torque()
+    if effort is not None:
+        np.testing.assert_allclose(effort(), 1.0)
+
+
+@pytest.mark.parametrize("part", [0.0, -0.5, 1.01, np.nan, np.inf])
+def test_what_is_no_part_of_an_effort_is_refused_by_every_bus(connected: Subject, part: float) -> None:
+    connected.bus.enable_torque()
+    with pytest.raises(CommandRefused, match="above 0, up to 1"):
+        connected.bus.limit_effort(part)
+    if connected.effort is not None:
+        np.testing.assert_allclose(connected.effort(), 1.0)
+
+
+def test_effort_needs_a_connection(subject: Subject) -> None:
+    with pytest.raises(BusClosed):
+        subject.bus.limit_effort(0.5)
+    subject.bus.connect()
+    subject.unplug()
+    if subject.bus.limits_effort:
+        with pytest.raises(BusClosed):
+            subject.bus.limit_effort(0.5)
+        assert not subject.bus.connected
+
+
 def test_unknown_latch_is_refused(connected: Subject) -> None:
     for command in (connected.bus.engage, connected.bus.release):
         with pytest.raises(CommandRefused, match="nonsense"):

@@ -24,6 +24,7 @@ from ori_deploy.actuators.bus import (
     LatchReading,
 )
 from ori_deploy.actuators.dynamixel.adapter import latency_advice, latency_timer_s
+from ori_deploy.actuators.dynamixel.effort import Effort
 from ori_deploy.actuators.dynamixel.latches import Latches
 from ori_deploy.actuators.dynamixel.line import Replies, Reply, ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
@@ -51,10 +52,7 @@ from ori_deploy.actuators.dynamixel.turns import unvouched, vouch
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, PinServo, Wiring
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.clock import Clock
-from ori_deploy.wire.dynamixel.registers import (
-    CENTRE_COUNT,
-    WATCHDOG_UNIT_S,
-)
+from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, WATCHDOG_UNIT_S
 
 FloatArray = NDArray[np.float64]
 
@@ -114,12 +112,9 @@ class DynamixelBus(ActuatorBus):
         Instead of the one in the rig.
     source
         The rig file, for messages.
-
-    Attributes
-    ----------
-    advice
-        What `connect` found that works and could work better.
     """
+
+    limits_effort = True
 
     def __init__(
         self,
@@ -154,6 +149,7 @@ class DynamixelBus(ActuatorBus):
         self._watching = False
         self._holding = False
         self._goal = np.zeros(len(servos), dtype=np.int64)
+        self._effort = Effort(self._line, REARM_EVERY)
         self._recent: HingeReadings | None = None
 
     @classmethod
@@ -260,6 +256,7 @@ class DynamixelBus(ActuatorBus):
         self._holding = all(
             read(self._line, servo.id, servo.model.table.torque_enable) for servo in self._wiring.hinges
         )
+        self._effort.find(self._wiring.hinges, self._settings.current_limit_a)
         self._decoder.forget()
         self._recent = None
 
@@ -300,6 +297,7 @@ class DynamixelBus(ActuatorBus):
             self._set_watchdogs(self._settings.watchdog_s, self._ids)
             self._watching = self._settings.watchdog_s > 0.0
             self._unarmed_writes = 0
+        self._effort.remind()
         table = self._wiring.hinges[0].model.table
         data = self._goal.astype("<i4").tobytes()
         self._line.sync_write(
@@ -307,6 +305,10 @@ class DynamixelBus(ActuatorBus):
             4,
             {servo_id: data[4 * k : 4 * k + 4] for k, servo_id in enumerate(self._ids)},
         )
+
+    @_noticing_loss
+    def _limit_effort(self, part: float) -> None:
+        self._effort.limit(part)
 
     @_noticing_loss
     def _set_torque(self, on: bool) -> None:

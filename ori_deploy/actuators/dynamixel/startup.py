@@ -246,13 +246,13 @@ def _wanted(
             yield table.max_position_limit, servo.max_count
         yield from _profile(table, settings)
         if servo.mode is OperatingMode.CURRENT_BASED_POSITION and settings.current_limit_a is not None:
-            yield from _current(servo.model, settings.current_limit_a)
+            yield from current_limit(servo.model, settings.current_limit_a)
     else:
         way = abs(servo.engaged_count - servo.released_count) * RAD_PER_COUNT
         yield table.profile_acceleration, 0
         yield table.profile_velocity, velocity_units(way / travel_s)
         if servo.mode is OperatingMode.CURRENT_BASED_POSITION:
-            yield from _current(servo.model, PIN_CURRENT * servo.model.stall_current_a)
+            yield from current_limit(servo.model, PIN_CURRENT * servo.model.stall_current_a)
         else:
             low, high = sorted((servo.engaged_count, servo.released_count))
             yield table.min_position_limit, low
@@ -274,7 +274,8 @@ def _profile(table: ControlTable, settings: DynamixelSettings) -> Iterator[tuple
     yield table.profile_velocity, 0 if velocity is None else velocity_units(velocity)
 
 
-def _current(model: ServoModel, limit_a: float) -> Iterator[tuple[Register, int]]:
+def current_limit(model: ServoModel, limit_a: float) -> Iterator[tuple[Register, int]]:
+    """Registers that bound a servo's current, and their values; the goal, which is what counts, last."""
     table = model.table
     if table.current_limit is None or table.goal_current is None or model.current_unit_a is None:
         raise ValueError(f"an {model.name} has no current registers")  # the wiring refused such a mode

@@ -68,6 +68,11 @@ class MixedBus(ActuatorBus):
         """That of the hinges."""
         return self._hinges.brake_s
 
+    @property
+    def limits_effort(self) -> bool:
+        """Whether the hinges' bus does."""
+        return self._hinges.limits_effort
+
     @_noticing_loss
     def unvouched(self) -> tuple[str, ...]:
         """Hinges of which nobody knows where they stand."""
@@ -102,6 +107,10 @@ class MixedBus(ActuatorBus):
     @_noticing_loss
     def _brake(self) -> float:
         return self._hinges.brake()
+
+    @_noticing_loss
+    def _limit_effort(self, part: float) -> None:
+        self._hinges.limit_effort(part)
 
     @_noticing_loss
     def _set_torque(self, on: bool) -> None:
