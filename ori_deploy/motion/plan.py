@@ -13,7 +13,9 @@ from ori_deploy.motion.step_tolerance import StepTolerance
 CREASES: tuple[str, str, str, str] = ("open_c", "open_d", "close_a", "close_b")
 """Order of the four creases of a cell on every array axis of length 4."""
 
-StageName = Literal["unlock", "span_unfold", "open", "latch", "unlatch", "close", "span_fold", "lock", "free", "recover"]
+StageName = Literal[
+    "unlock", "span_unfold", "open", "latch", "unlatch", "close", "span_fold", "lock", "free", "recover"
+]
 
 DEPLOY_STAGES: tuple[StageName, ...] = ("unlock", "open", "latch")
 STOW_STAGES: tuple[StageName, ...] = ("unlatch", "close", "lock")
