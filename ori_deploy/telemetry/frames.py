@@ -5,6 +5,7 @@ log; an item is a tuple whose first entry names its kind:
 
 - ("message", channel, time_s, text): a message, as the JSON that goes into the log.
 - ("cycle", ...): a cycle, its arrays as bytes; see `cycle_item`.
+- ("health", time_s, temperatures and voltages, valid, errors, torque): arrays as bytes.
 - ("latches", time_s, readings): one message per latch.
 - ("timing", time_s, ...): the numbers of `/timing`, in order.
 - ("tape", time_s, data): a piece of the tape.
@@ -65,7 +66,7 @@ class CycleFrames:
                 items.append(message("/fault", time_s, asdict(record.fault)))
         items.append(cycle_item(record, time_s))
         if record.health is not None:
-            items.append(message("/health", time_s, _health(record.health, time_s)))
+            items.append(_health(record.health, time_s))
         if record.latches:
             items.append(("latches", time_s, tuple(_latch(reading) for reading in record.latches)))
         return items
@@ -103,15 +104,16 @@ def cycle_item(record: CycleRecord, log_time_s: float) -> Item:
     )
 
 
-def _health(health: HealthReadings, time_s: float) -> dict[str, Any]:
-    return {
-        "time_s": time_s,
-        "valid": health.valid.tolist(),
-        "temperature_c": health.temperature_c.tolist(),
-        "voltage_v": health.voltage_v.tolist(),
-        "hardware_error": health.hardware_error.tolist(),
-        "torque_on": health.torque_on.tolist(),
-    }
+def _health(health: HealthReadings, time_s: float) -> Item:
+    numbers = np.concatenate((health.temperature_c, health.voltage_v)).tobytes()
+    return (
+        "health",
+        time_s,
+        numbers,
+        health.valid.tobytes(),
+        health.hardware_error.tobytes(),
+        health.torque_on.tobytes(),
+    )
 
 
 def _latch(reading: LatchReading) -> tuple[str, bool, bool | None, bool, str | None]:

@@ -155,6 +155,19 @@ class LogWriter:
             self._flush_due = log_time_s + FLUSH_EVERY_S
             self._flush()
 
+    def _health(self, item: Item) -> None:
+        _, time_s, numbers, valid, errors, torque = item
+        values = [value if math.isfinite(value) else None for value in array("d", numbers)]
+        message = {
+            "time_s": time_s,
+            "valid": [bool(value) for value in valid],
+            "temperature_c": values[: len(valid)],
+            "voltage_v": values[len(valid) :],
+            "hardware_error": list(errors),
+            "torque_on": [bool(value) for value in torque],
+        }
+        self._emit("/health", time_s, json.dumps(message).encode())
+
     def _latches(self, item: Item) -> None:
         _, time_s, readings = item
         for name, engaged, confirmed, valid, fault in readings:
@@ -182,6 +195,7 @@ class LogWriter:
     _items = {  # noqa: RUF012  a table of this class's methods
         "message": _message,
         "cycle": _cycle,
+        "health": _health,
         "latches": _latches,
         "timing": _timing,
         "tape": _tape,

@@ -7,6 +7,8 @@ last bit. What happens every cycle is packed; what is rare is JSON with a length
 n     the clock was read: value
 w     slept: deadline
 r     the hinges were read: n, position, velocity, current, time (n float64 each), alert, valid (n bytes each)
+h     the health was read: n, temperature, voltage, time (n float64 each), error, torque, valid (n bytes each)
+l     the latches were read: JSON, a list of the fields of each
 g     goals were sent: n, whether with velocities, positions, velocities
 d     `due_s`: now, value
 j     any other call of bus or journal, or one that raised: JSON [name, arguments, "value" or "error", what came]
@@ -89,10 +91,25 @@ class Tape:
             (
                 _COUNT.pack(b"r", len(r.position_rad)),
                 *(_floats(a) for a in (r.position_rad, r.velocity_rad_s, r.current_a, r.time_s)),
-                r.alert.tobytes(),
-                r.valid.tobytes(),
+                _bytes(r.alert),
+                _bytes(r.valid),
             )
         )
+
+    def read_health(self, r: HealthReadings) -> None:
+        """The health was read."""
+        self.data += b"".join(
+            (
+                _COUNT.pack(b"h", len(r.valid)),
+                *(_floats(a) for a in (r.temperature_c, r.voltage_v, r.time_s)),
+                *(_bytes(a) for a in (r.hardware_error, r.torque_on, r.valid)),
+            )
+        )
+
+    def read_latches(self, latches: tuple[LatchReading, ...]) -> None:
+        """The latches were read."""
+        rows = [(r.id, r.engaged, r.confirmed, r.valid, r.time_s, r.fault) for r in latches]
+        self._text(b"l", [[plain(item) for item in row] for row in rows])
 
     def command_hinges(self, position: FloatArray, velocity: FloatArray | None) -> None:
         """Goals were sent."""
@@ -157,6 +174,10 @@ class Tape:
 
 def _floats(values: FloatArray) -> bytes:
     return np.asarray(values, dtype="<f8").tobytes()
+
+
+def _bytes(values: NDArray[Any]) -> bytes:
+    return np.asarray(values, dtype=np.uint8).tobytes()
 
 
 # -- values that are not packed --------------------------------------------------------------------------
@@ -346,6 +367,23 @@ def _read_hinges(data: bytes, at: int) -> _Read:
     return Entry("r", "read_hinges", (), HingeReadings(position, velocity, current, alert, valid, time_s)), at
 
 
+def _read_health(data: bytes, at: int) -> _Read:
+    _, count = _COUNT.unpack_from(data, at)
+    at += _COUNT.size
+    temperature, at = _array(data, at, count)
+    voltage, at = _array(data, at, count)
+    time_s, at = _array(data, at, count)
+    error = np.frombuffer(data, dtype=np.uint8, count=count, offset=at).copy()
+    torque, at = _bools(data, at + count, count)
+    valid, at = _bools(data, at, count)
+    return Entry("h", "read_health", (), HealthReadings(temperature, voltage, error, torque, valid, time_s)), at
+
+
+def _read_latches(data: bytes, at: int) -> _Read:
+    rows, at = _json(data, at)
+    return Entry("l", "read_latches", (), tuple(LatchReading(*row) for row in rows)), at
+
+
 def _read_goals(data: bytes, at: int) -> _Read:
     _, count, moving = _GOALS.unpack_from(data, at)
     position, at = _array(data, at + _GOALS.size, count)
@@ -400,6 +438,8 @@ _KINDS = {
     b"n": _read_now,
     b"w": _read_slept,
     b"r": _read_hinges,
+    b"h": _read_health,
+    b"l": _read_latches,
     b"g": _read_goals,
     b"d": _read_due,
     b"j": _read_call,

@@ -10,9 +10,9 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from time import perf_counter
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, TypeVar, cast
 
-from ori_deploy.actuators.bus import ActuatorBus, FloatArray, HingeReadings
+from ori_deploy.actuators.bus import ActuatorBus, FloatArray, HealthReadings, HingeReadings, LatchReading
 from ori_deploy.clock import Clock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.journal import Journal
@@ -20,6 +20,8 @@ from ori_deploy.deploy.result import MotionResult
 from ori_deploy.errors import OriDeployError
 from ori_deploy.telemetry.boundary import ASKS, BoundaryBus, BoundaryJournal
 from ori_deploy.telemetry.tape import Tape, plain
+
+_T = TypeVar("_T")
 
 
 class TapedClock:
@@ -56,16 +58,13 @@ class TapedBus(BoundaryBus):
         self._tape = tape
 
     def read_hinges(self) -> HingeReadings:
-        begun = perf_counter()
-        try:
-            readings = self._bus.read_hinges()
-        except BaseException as error:
-            self._tape.raised("read_hinges", (), error)
-            raise
-        finally:
-            self._tape.read_s += perf_counter() - begun
-        self._tape.read_hinges(readings)
-        return readings
+        return self._read("read_hinges", self._bus.read_hinges, self._tape.read_hinges)
+
+    def read_health(self) -> HealthReadings:
+        return self._read("read_health", self._bus.read_health, self._tape.read_health)
+
+    def read_latches(self) -> tuple[LatchReading, ...]:
+        return self._read("read_latches", self._bus.read_latches, self._tape.read_latches)
 
     def command_hinges(self, position_rad: FloatArray, velocity_rad_s: FloatArray | None = None) -> None:
         begun = perf_counter()
@@ -82,6 +81,18 @@ class TapedBus(BoundaryBus):
         value = self._bus.due_s(now)
         self._tape.due(now, value)
         return value
+
+    def _read(self, name: str, read: Callable[[], _T], take_down: Callable[[_T], None]) -> _T:
+        begun = perf_counter()
+        try:
+            readings = read()
+        except BaseException as error:
+            self._tape.raised(name, (), error)
+            raise
+        finally:
+            self._tape.read_s += perf_counter() - begun
+        take_down(readings)
+        return readings
 
     def _call(self, name: str, *arguments: Any) -> Any:
         begun = perf_counter()

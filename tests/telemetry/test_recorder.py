@@ -248,7 +248,7 @@ def test_killing_the_loop_leaves_a_log_that_is_whole_up_to_the_last_moment(path:
         lines += loop.stdout.readlines()
     last_s, pid = lines[-1].split() if lines[-1].endswith("\n") else lines[-2].split()
     # The recorder is nobody's child now; that it has ended shows in its name being the log's.
-    ended = subprocess.run(["tail", f"--pid={pid}", "-f", "/dev/null"], timeout=30, check=False)
+    ended = subprocess.run(["tail", "-s", "0.05", f"--pid={pid}", "-f", "/dev/null"], timeout=30, check=False)
     assert ended.returncode == 0
     run = read_run(path)
     assert float(last_s) - run.time_s[-1] < 0.1  # seconds of the run, not of this test

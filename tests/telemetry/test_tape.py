@@ -72,6 +72,15 @@ def test_hinge_readings_come_back_to_the_last_bit(readings: HingeReadings) -> No
         identical(getattr(back, name), getattr(readings, name))
 
 
+@given(health_readings())
+def test_health_comes_back_to_the_last_bit(readings: HealthReadings) -> None:
+    tape = Tape()
+    tape.read_health(readings)
+    back = only(tape).value
+    for name in HealthReadings.__dataclass_fields__:
+        identical(getattr(back, name), getattr(readings, name))
+
+
 @given(hinge_readings(), st.booleans())
 def test_goals_come_back(readings: HingeReadings, moving: bool) -> None:
     tape = Tape()
@@ -90,6 +99,13 @@ def test_times_come_back(a: float, b: float) -> None:
     tape.due(a, b)
     now, slept, due = entries(tape.take()[PIECE.size :])
     identical([now.value, *slept.arguments, *due.arguments, due.value], [a, b, a, b])
+
+
+@given(st.lists(latches, max_size=4).map(tuple))
+def test_latches_come_back(readings: tuple[LatchReading, ...]) -> None:
+    tape = Tape()
+    tape.read_latches(readings)
+    assert repr(only(tape).value) == repr(readings)  # NaN is not equal to itself
 
 
 @given(health_readings() | st.lists(latches, max_size=4).map(tuple) | numbers | texts | st.none() | st.booleans())
