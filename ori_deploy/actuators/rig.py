@@ -70,6 +70,8 @@ _HoldRamp = Annotated[Positive, at_most(2.0, "after a fault the structure has to
 _AlignVelocity = Annotated[Positive, at_most(1.0, "cells are brought into step slowly, they may touch")]
 _Temperature = Annotated[Finite, at_most(120.0, "no servo survives more")]
 _PausePatience = Annotated[NonNegative, at_most(120.0, "a servo that holds while it is hot gets hotter")]
+_Effort = Annotated[Fraction, between(0.05, 1.0, "weaker turns no hinge, and 1 is no limit")]
+_SeatingTolerance = Annotated[Positive, between(0.001, 0.1, "less no sensor tells apart, more is not seating yet")]
 _HealthPeriod = Annotated[Positive, at_most(MAX_HEALTH_PERIOD_S, "a hot or sagging servo has to be seen in time")]
 
 
@@ -239,6 +241,13 @@ class ControllerSettings:
         And for so long; then it is a fault.
     health_period_s
         How often temperatures, voltages, errors and resting latches are read.
+    seating_effort
+        Part of their strength with which hinges close the slits, from the plan's seating fold until the latches
+        confirm; 1 is no limit. Has to lift what the structure weighs there.
+    holding_effort
+        Part that they hold with once it is deployed and latched.
+    seating_tolerance
+        Fold by which a cell may touch before the end of the path, and cells one before the other.
     at_close
         Whether hinges keep holding or go limp when the controller lets go of the bus.
     """
@@ -256,6 +265,9 @@ class ControllerSettings:
     min_voltage_v: NonNegative = 10.0
     pause_patience_s: _PausePatience = 5.0
     health_period_s: _HealthPeriod = 0.05
+    seating_effort: _Effort = 0.6
+    holding_effort: _Effort = 0.5
+    seating_tolerance: _SeatingTolerance = 0.01
     at_close: Literal["hold", "relax"] = "hold"
 
     @model_validator(mode="after")

@@ -24,6 +24,7 @@ from ori_deploy.deploy.observers import Observer, Observers
 from ori_deploy.deploy.pacer import Pacer
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.result import ENDED, CycleRecord, Fault, FaultKind, MotionResult, outcome
+from ori_deploy.deploy.seating import Seating
 from ori_deploy.deploy.stage_work import StageWork
 from ori_deploy.deploy.states import Action, Event, Guard, IllegalCommand, Machine, State
 from ori_deploy.deploy.stopping import stop_ramp
@@ -62,6 +63,7 @@ class Cycle:
         self._monitor = Monitor(plan, rig)
         self._tracking = Tracking(plan, self._table, self._motion, rig, bus, self._monitor)
         self._link = Link(bus, self._trip, clock, self._settings.max_reading_age_s)
+        self._seating = Seating(plan, self._table, rig, self._link, self._monitor)
         self._machine = Machine()
         self._fault: Fault | None = None
         self._observers = Observers(observers)
@@ -144,6 +146,7 @@ class Cycle:
         latches = self._checks.latches_if_due(self.state, not self._errand.recovering, now)
         self._send(now)
         health = self._finish_stage(readings, health, latches, now)
+        self._seating.limit(self.state, self._errand.stage, self._motion.fold, now)
         record = self._record(now, deadline, readings, folds, health, latches)
         self._cycles += 1
         self._was_under_way = self.under_way
@@ -166,6 +169,7 @@ class Cycle:
     def _judge(self, readings: HingeReadings, folds: FloatArray, now: float) -> None:
         self._trip(self._monitor.judge_replies(readings, folds, self._clock.now()))
         if self._following:
+            self._seating.watch(readings, self._tracking.due(now), self.state, self._errand.stage)
             self._tracking.judge(readings, self.state, now, self._trip)
 
     def _send(self, now: float) -> None:
@@ -288,7 +292,7 @@ class Cycle:
         """Latch a fault; the first one stays."""
         if fault is None or self.state is State.FAULT:
             return
-        self._latch(fault)
+        self._latch(self._seating.named(fault))
         self._fire(Event.FAULT)
 
     def _pause(self) -> None:

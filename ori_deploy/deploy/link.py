@@ -58,6 +58,8 @@ class Link:
         The bus said that it is closed; nothing is asked of it until `connect`.
     braked
         The bus was told to brake; no goals until `torque_on`.
+    latches
+        Readings of the latches, as they last were answered.
     """
 
     def __init__(self, bus: ActuatorBus, trip: Callable[[Fault], None], clock: Clock, max_age_s: float) -> None:
@@ -67,12 +69,13 @@ class Link:
         self._trip = trip
         self._clock = clock
         self._max_age_s = max_age_s
-        self._latches = tuple(LatchReading(name, False, None, valid=False, time_s=np.nan) for name in bus.latch_ids)
+        self._effort: float | None = None  # that the bus was told; None: not known
+        self.latches = tuple(LatchReading(name, False, None, valid=False, time_s=np.nan) for name in bus.latch_ids)
 
     def connect(self) -> None:
         """Open the bus. Raises what it raises."""
         self.bus.connect()
-        self.lost = False
+        self.lost, self._effort = False, None
 
     def read_hinges(self, now: float) -> HingeReadings:
         """Readings, none of them valid when nobody answered."""
@@ -100,11 +103,11 @@ class Link:
         """Readings, none of them valid when nobody answered; None when the bus failed otherwise."""
         if not self.lost:
             try:
-                self._latches = self.bus.read_latches()
-                return self._latches
+                self.latches = self.bus.read_latches()
+                return self.latches
             except (BusTimeout, CorruptReply):  # whoever waits for a latch must see that it is silent
                 return tuple(
-                    replace(latch, confirmed=None, valid=False, time_s=np.nan, fault=None) for latch in self._latches
+                    replace(latch, confirmed=None, valid=False, time_s=np.nan, fault=None) for latch in self.latches
                 )
             except BusError as error:
                 self._fail(error, now)
@@ -133,6 +136,15 @@ class Link:
         except BusError as error:  # the device brakes by itself when it hears nothing more
             self.lost = isinstance(error, BusClosed)
             return self.bus.delay_s
+
+    def limit_effort(self, part: float, now: float) -> None:
+        """Let hinges use this part of their strength; the bus is told when that changes."""
+        if not self.lost and part != self._effort:
+            try:
+                self.bus.limit_effort(part)
+                self._effort = part
+            except BusError as error:
+                self._fail(error, now)
 
     def command_latches(self, work: LatchWork, now: float) -> None:
         """Send a round of latch commands."""
@@ -164,7 +176,7 @@ class Link:
         except StartRefused as error:
             raise CommandRefused(f"torque stays off: {error}") from error
         goal = self.bus.enable_torque(readings)
-        self.braked = False
+        self.braked, self._effort = False, 1.0
         return goal
 
     def reset_actuators(self, attempts: int, holding: bool) -> FloatArray:
@@ -174,6 +186,7 @@ class Link:
         -------
         (n_hinges,) goals: where those that held and still hold are measured now; NaN when one is limp.
         """
+        self._effort = None  # a servo that restarts forgets it
         self.bus.reset_errors()
         if holding and self.bus.read_health().torque_on.all():
             return self.torque_on(attempts)

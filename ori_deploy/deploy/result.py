@@ -39,6 +39,9 @@ class FaultKind(StrEnum):
     LATCH_TRIPPED = auto()
     LATCH_LOST = auto()
     LATCH_SENSOR = auto()
+    SEATING_EARLY = auto()
+    SEATING_LATE = auto()
+    SEATING_UNEVEN = auto()
     COMMAND_REFUSED = auto()
     BUS_CLOSED = auto()
     BUS_ERROR = auto()
@@ -133,8 +136,8 @@ class Outcome(StrEnum):
     SUCCEEDED: deployed with every latch confirmed, or stowed and measured so. HELD: at rest on the operator's
     word or to let a servo cool, can be resumed. STOPPED: at rest, given up on the operator's word.
     EMERGENCY_STOPPED: at rest, the button was pressed. PATH_TOLERANCE: a crease strayed from the path, or
-    cells from each other. GOAL_TOLERANCE: a crease did not reach the end of the path. ABORTED: at rest
-    because of any other fault.
+    cells from each other. GOAL_TOLERANCE: a crease did not reach the end of the path. SEATING: the slits closed
+    too early, too late or unevenly. ABORTED: at rest because of any other fault.
     """
 
     SUCCEEDED = auto()
@@ -143,6 +146,7 @@ class Outcome(StrEnum):
     EMERGENCY_STOPPED = auto()
     PATH_TOLERANCE = auto()
     GOAL_TOLERANCE = auto()
+    SEATING = auto()
     ABORTED = auto()
 
     @classmethod
@@ -207,6 +211,9 @@ _BY_FAULT: Mapping[FaultKind, Outcome] = MappingProxyType(
         FaultKind.PATH_TOLERANCE: Outcome.PATH_TOLERANCE,
         FaultKind.OUT_OF_STEP: Outcome.PATH_TOLERANCE,
         FaultKind.GOAL_TOLERANCE: Outcome.GOAL_TOLERANCE,
+        FaultKind.SEATING_EARLY: Outcome.SEATING,
+        FaultKind.SEATING_LATE: Outcome.SEATING,
+        FaultKind.SEATING_UNEVEN: Outcome.SEATING,
         FaultKind.EMERGENCY_STOP: Outcome.EMERGENCY_STOPPED,
     }
 )

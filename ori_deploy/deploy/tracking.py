@@ -69,6 +69,10 @@ class Tracking:
         """Whether no goal moves, and none that is still queued."""
         return self._motion.at_rest and self._queued.at_rest(now)
 
+    def due(self, now: float) -> Place:
+        """Where the motion should be now, once goals were sent or `stand` was called."""
+        return self._queued.due(now)
+
     def allowed(self, folds: FloatArray) -> float:
         """Largest spread of cells that may be used where they are."""
         return self._room.allowed(folds)

@@ -22,6 +22,7 @@ _WHY = {
     Outcome.EMERGENCY_STOPPED: "stopped by the emergency stop",
     Outcome.PATH_TOLERANCE: "stopped off its path",
     Outcome.GOAL_TOLERANCE: "stopped short of the end of its path",
+    Outcome.SEATING: "its slits did not close as they should",
     Outcome.ABORTED: "stopped by a fault",
 }
 

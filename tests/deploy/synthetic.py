@@ -27,6 +27,11 @@ CHECK = MotionCheck(
     clearance_fold=0.5,
 )
 
+NARROWING = StepTolerance(
+    np.array([0.6, 0.7, 0.8, 0.85, 0.9, 1.0]), np.array([0.5, 0.3, 0.2, 0.11, 0.05, 0.0025]), 0.9, 1e-4
+)
+"""Much as that of an ellipse of six cells: slits close from fold 0.9 on."""
+
 
 def synthetic_plan(
     n_cells: int = 4,

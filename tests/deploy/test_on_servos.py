@@ -13,9 +13,10 @@ import pytest
 
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.deploy.controller import Controller
-from ori_deploy.deploy.result import FaultKind, Outcome
+from ori_deploy.deploy.result import CycleRecord, FaultKind, Outcome
 from ori_deploy.deploy.states import State
 from tests.actuators.dynamixel.virtual import Setup, servos
+from tests.deploy.synthetic import NARROWING, synthetic_plan
 
 
 @contextmanager
@@ -88,6 +89,46 @@ def test_a_fault_is_cleared_and_the_motion_begun_again(
         np.testing.assert_allclose(shafts(setup), before, atol=0.02)
         controller.deploy()
         assert controller.run().succeeded
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [{}, {"operating_mode": "current_based_position", "current_limit_a": 1.5}])
+def test_slits_are_closed_with_a_part_of_the_strength_and_then_held_with_less(
+    tmp_path: Path, mode: dict[str, Any]
+) -> None:
+    plan = synthetic_plan(3, duration_s=6.0, tolerance=NARROWING)
+    register = "goal_current" if mode else "goal_pwm"
+    with controlled(tmp_path, plan=plan, **mode) as (setup, controller):
+        full = setup.virtual.register(1, register)
+        found: dict[str, set[int]] = {}
+
+        def look(record: CycleRecord) -> None:
+            if record.index % 20 == 0:
+                found.setdefault(str(record.stage), set()).add(setup.virtual.register(1, register))
+
+        controller.add_observer(look)
+        controller.deploy()
+        result = controller.run()
+        assert result.succeeded, result
+        assert found["open"] == {full, round(0.6 * full)}
+        controller.step()
+        assert setup.virtual.register(1, register) == round(0.5 * full)
+        controller.stow()
+        assert controller.run().succeeded
+        assert setup.virtual.register(1, register) == full
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hinge", [0, 2])
+def test_a_slit_that_closes_too_early_names_its_cell(tmp_path: Path, hinge: int) -> None:
+    plan = synthetic_plan(3, duration_s=6.0, tolerance=NARROWING)
+    with controlled(tmp_path, plan=plan, stops={hinge: 0.955}) as (setup, controller):
+        controller.deploy()
+        result = controller.run()
+        assert result.fault is not None
+        assert (result.fault.kind, result.fault.thing) == (FaultKind.SEATING_EARLY, f"c{hinge + 1}"), result.fault
+        assert result.outcome is Outcome.SEATING
+        assert all(setup.virtual.truth()[i].hardware_error == 0 for i in (1, 2, 3))
 
 
 @pytest.mark.slow

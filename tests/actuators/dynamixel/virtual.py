@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ori_deploy.actuators.dynamixel.bus import DynamixelBus
 from ori_deploy.actuators.resolve import ResolvedRig
@@ -14,6 +16,7 @@ from ori_deploy.clock import MonotonicClock
 from ori_deploy.motion.plan import Plan
 from sim_backends.dynamixel.from_rig import spec_from_rig
 from sim_backends.dynamixel.launcher import VirtualBus
+from sim_backends.dynamixel.spec import ServoSpec
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 
 N = 3
@@ -42,6 +45,15 @@ def make_bus(rig: ResolvedRig, plan: Plan) -> DynamixelBus:
     return DynamixelBus.from_rig(rig, MonotonicClock(), ends[0], ends[1])
 
 
+def _stopped(servo: ServoSpec, k: int, rig: ResolvedRig, plan: Plan, stops: Mapping[int, float]) -> ServoSpec:
+    """A servo with the end of its crease's travel at a fold, if it is one of those."""
+    if k not in stops:
+        return servo
+    shaft = rig.to_actuator(plan.crease_angles_rad)[:, k]
+    stop = float(np.interp(stops[k], plan.fold, shaft))
+    return replace(servo, upper_stop_rad=stop) if shaft[-1] > shaft[0] else replace(servo, lower_stop_rad=stop)
+
+
 @contextmanager
 def servos(
     folder: Path,
@@ -52,13 +64,16 @@ def servos(
     servo: dict[str, Any] | None = None,
     spec: dict[str, Any] | None = None,
     rig: dict[str, Any] | None = None,
+    plan: Plan | None = None,
+    stops: Mapping[int, float] | None = None,
     **settings: Any,
 ) -> Iterator[Setup]:
     """Three hinges, a lock pin on the slit and a magnet on a cell; `turns` for a range of several turns.
 
-    `servo` and `spec` change all virtual servos and the bus, `rig` the rig's tables, `settings` [dynamixel].
+    `servo` and `spec` change all virtual servos and the bus, `rig` the rig's tables, `settings` [dynamixel]. In the
+    way of some hinges, by row, something stands at a fold of `stops`.
     """
-    plan = synthetic_plan(N, duration_s=3.0)
+    plan = plan or synthetic_plan(N, duration_s=3.0)
     low, high, gear, zero = (-20.0, 20.0, 10.0, 1.0) if turns else (-3.1, 3.1, 4.0, 2.6)
     actuator = {"max_velocity_rad_s": 4.0, "max_torque_nm": 0.2, "min_position_rad": low, "max_position_rad": high}
     tables: dict[str, Any] = {
@@ -86,6 +101,9 @@ def servos(
     rows = None if start_fold is None else angles[round(start_fold * (len(angles) - 1))]
     made = spec_from_rig(resolved, angles[0], angles[-1], start_rad=rows)
     made = replace(made, servos=tuple(replace(one, **(servo or {})) for one in made.servos), **(spec or {}))
+    made = replace(
+        made, servos=tuple(_stopped(one, k, resolved, plan, stops or {}) for k, one in enumerate(made.servos))
+    )
     with VirtualBus(made, link=folder / "ttyDXL") as virtual:
         bus = make_bus(resolved, plan)
         try:
