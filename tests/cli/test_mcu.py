@@ -102,6 +102,7 @@ def test_the_wing_deploys_by_the_commands_of_the_example(made: Path, tmp_path: P
     is_decided_the_same_again(tmp_path / "stow.mcap")
 
 
+@pytest.mark.slow
 def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: Path) -> None:
     with board(made, tmp_path) as one:
         told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
@@ -139,6 +140,7 @@ def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: P
         assert "cleared: estop" in mcu("clear-fault", cwd=tmp_path).stdout
 
 
+@pytest.mark.slow
 def test_the_monitor_names_what_it_shows_and_one_servo_is_turned(made: Path, tmp_path: Path) -> None:
     rig = ("--rig", made / "rig.toml", "--plan", made / "wing.plan.json")
     jog = ("jog", made / "rig.toml", "--plan", made / "wing.plan.json", "servo_1")
@@ -179,6 +181,7 @@ def test_the_monitor_names_what_it_shows_and_one_servo_is_turned(made: Path, tmp
         assert "nothing moves" in mcu(*jog, "--by", "0.1", "--yes", cwd=tmp_path).stderr
 
 
+@pytest.mark.slow
 def test_the_doctor_says_what_is_wrong_with_a_board(made: Path, tmp_path: Path) -> None:
     words = ("doctor", "--rig", made / "rig.toml", "--port", tmp_path / "ttyMCU", "--json")
     plan = ("--plan", made / "wing.plan.json")
@@ -236,6 +239,7 @@ def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made:
         assert refused.stderr.strip().endswith("--stands stowed or --stands deployed")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_one_line(made: Path, tmp_path: Path) -> None:
     for words, status, told in (
         (("mcu", "info", "--port", "nowhere"), 1, "nowhere cannot be opened"),

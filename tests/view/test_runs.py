@@ -141,7 +141,7 @@ def test_verdict_on_a_run_that_deployed(good_run: Run) -> None:
 def test_verdict_on_a_fault_names_it(faulted_run: Run) -> None:
     found = verdict(None, faulted_run)
     assert found.tone == "bad"
-    assert found.headline.startswith("Not deployed: stopped by a fault (path_tolerance, ")
+    assert found.headline.startswith("Not deployed: stopped off its path (path_tolerance, ")
     assert any("path_tolerance" in reason for reason in found.reasons)
 
 
