@@ -93,6 +93,8 @@ def test_deploys_and_stows_with_one_controller(tmp_path: Path) -> None:
         assert result.outcome is Outcome.SUCCEEDED, result
         assert [latch.closed for latch in setup.board.truth().latches] == [True, True, False]
         deployed = [servo.output_rad for servo in setup.servos.truth().values()]
+        setup.controller.step()
+        assert setup.servos.register(1, "goal_pwm") == round(0.5 * 885)  # what is latched is held with less
         setup.controller.stow()
         assert setup.controller.run().succeeded
         assert [latch.closed for latch in setup.board.truth().latches] == [False, False, True]

@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ori_deploy.deploy.journal import Entry
+from ori_deploy.deploy.result import FaultKind
 from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError, OriDeployError, RigError
 from ori_deploy.motion.recovery import Recovery
 from ori_deploy.telemetry.replay import replay
 from ori_deploy.telemetry.tape import PIECE, Tape
 from sim_backends.mock import MockBus
-from tests.deploy.synthetic import synthetic_plan, synthetic_rig
+from tests.deploy.synthetic import NARROWING, synthetic_plan, synthetic_rig
 from tests.telemetry.flights import Flight, flown
 
 PLAN = synthetic_plan(4, duration_s=1.6, curvature=0.2)
@@ -113,6 +114,26 @@ def test_a_run_is_decided_the_same_again(name: str) -> None:
     assert done.cycles == len(f.records) > 0
     assert done.decisions > done.cycles // 2
     assert done.commands > 0
+
+
+@pytest.mark.parametrize("stop", [None, 0.95])
+def test_seating_is_decided_the_same_again_and_differs_with_another_effort(stop: float | None) -> None:
+    plan = synthetic_plan(4, duration_s=6.0, tolerance=NARROWING)
+
+    def seat(f: Flight) -> None:
+        if stop is not None:
+            shaft = f.rig.to_actuator(plan.crease_angles_rad)[:, 1]
+            f.bus.end_stop("servo_c2", float(np.interp(stop, plan.fold, shaft)))
+        deploy(f)
+
+    f, pieces = flown(plan, seat)
+    done = replay(pieces, plan, f.rig)
+    assert done.differences == ()
+    assert done.cycles == len(f.records)
+    fault = f.records[-1].fault
+    assert (fault is None) == (stop is None)
+    assert fault is None or fault.kind is FaultKind.SEATING_EARLY
+    assert replay(pieces, plan, synthetic_rig(plan, controller={"seating_effort": 0.3})).differences
 
 
 class Slow:
