@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from ori_deploy.actuators.mcu.records import config_hash, records
-from ori_deploy.actuators.mcu.startup import check_config
+from ori_deploy.actuators.mcu.startup import check_config, check_firmware
 from ori_deploy.bench.board import release
 from ori_deploy.bench.board_jog import Jog, Jogged, carry_out, plan_jog
 from ori_deploy.cli.bus_common import DIGITS, IN, confirm, example, tell_json
@@ -51,6 +51,7 @@ def jog(
             raise InputError(f"{name}: not a number of radians", value=value, remedy="for example 0.1")
     wiring, rate_hz = wiring_of(rig_file, plan_file)
     with place(port, wiring.settings, wiring).opened() as found:
+        check_firmware(found.info, found.line.port.path)
         check_config(found.info, config_hash(records(wiring)), found.line.port.path)
         move = plan_jog(found, wiring, actuator, rate_rad_s, by_rad=by_rad, to_rad=to_rad)
         confirm(_question(move), yes=yes)

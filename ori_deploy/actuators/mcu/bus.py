@@ -32,7 +32,7 @@ from ori_deploy.actuators.mcu.port import SerialPort
 from ori_deploy.actuators.mcu.readings import Decoder, stalls_only
 from ori_deploy.actuators.mcu.records import config_hash, device_record, device_velocity, records
 from ori_deploy.actuators.mcu.settings import FRAME_S
-from ori_deploy.actuators.mcu.startup import check_config, check_feedback, find_device
+from ori_deploy.actuators.mcu.startup import check_config, check_feedback, check_firmware, find_device
 from ori_deploy.actuators.mcu.stream import Stream
 from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.clock import Clock
@@ -195,6 +195,7 @@ class McuBus(ActuatorBus):
     def _start(self) -> None:
         self._line.begin()
         info = find_device(self._line, self._clock, self._settings.boot_wait_s)
+        check_firmware(info, self._port.path)
         check_config(info, self._hash, self._port.path)
         # An answer whatever the token was that another program used last, and nothing is turned off by it.
         self._line.command(lambda token: Disable(token, 0), "greeting")

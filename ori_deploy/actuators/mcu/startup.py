@@ -51,6 +51,27 @@ def _ask(line: McuLine, attempts: int) -> Info | None:
         return None
 
 
+FIRMWARE = (1, 1)
+"""Major and minor version of the firmware whose faults and answers this program knows."""
+
+
+def check_firmware(info: Info, port: str) -> None:
+    """Check that device and host speak of the same things.
+
+    Raises
+    ------
+    CommandRefused
+        Its firmware has another major version than `FIRMWARE`, or an older minor one.
+    """
+    major, minor = info.firmware >> 24 & 0xFF, info.firmware >> 16 & 0xFF
+    if major != FIRMWARE[0] or minor < FIRMWARE[1]:
+        raise CommandRefused(
+            f"{port}: the firmware does not go with this program; found version {major}.{minor}; "
+            f"limit: {FIRMWARE[0]}.{FIRMWARE[1]} or a later {FIRMWARE[0]}.x; "
+            "remedy: flash the one that came with it, ori-deploy mcu flash, or update this program"
+        )
+
+
 def check_config(info: Info, wanted: int, port: str) -> None:
     """Check that the device has the rig's configuration.
 

@@ -73,6 +73,7 @@ class ScriptedDevice:
     thermistor: int = 512
     supply_mv: int = 6000
     boot: int = 7
+    firmware: int = 0x01010000
     dead: bool = False
     stream: int = 0
     contiguous: int = 0
@@ -242,7 +243,7 @@ class ScriptedDevice:
                 d.MAVLink_ori_info_message(
                     self.now_us(),
                     self.boot,
-                    0x01000000,
+                    self.firmware,
                     self.hash(self.stored) if stored else 0,
                     token,
                     0,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from ori_deploy.actuators.mcu.bus import McuBus
 from ori_deploy.actuators.mcu.configure import read_config, write_config
 from ori_deploy.actuators.mcu.mixed import MixedBus
 from ori_deploy.actuators.mcu.records import config_hash
+from ori_deploy.actuators.mcu.startup import FIRMWARE
 from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.wire.generated import ori_deploy as d
 from tests.actuators.mcu.scripted import ScriptedDevice, SteppedClock, VirtualPort, unharmed
@@ -143,6 +146,27 @@ def test_connect_refuses_another_configuration() -> None:
     with pytest.raises(CommandRefused, match="none"):
         bus.connect()
     assert not bus.connected
+
+
+@pytest.mark.parametrize(
+    ("version", "goes"),
+    [(0x01000000, False), (0x01010000, True), (0x01010300, True), (0x01020000, True), (0x02010000, False)],
+)
+def test_connect_refuses_a_firmware_that_speaks_of_other_things(version: int, goes: bool) -> None:
+    b = bench(connect=False)
+    b.device.firmware = version
+    if goes:
+        b.bus.connect()
+        return
+    with pytest.raises(CommandRefused, match=r"firmware does not go.*ori-deploy mcu flash"):
+        b.bus.connect()
+    assert not b.bus.connected
+
+
+def test_the_firmware_here_goes_with_the_host_here() -> None:
+    text = (Path(__file__).parents[3] / "firmware" / "core" / "version.h").read_text()
+    number = int(re.search(r"UINT32_C\((0x[0-9A-Fa-f]+)\)", text)[1], 16)  # type: ignore[index]
+    assert (number >> 24, number >> 16 & 0xFF) == FIRMWARE
 
 
 def test_connect_names_silent_hinges() -> None:
