@@ -141,6 +141,7 @@ def _go_on(trial: Trial, ground: Ground) -> None:
             ):
                 if controller.state is state:
                     step()
+                    _steps(ground, 3)  # what an actuator has latched itself shows by looking
             if controller.state is State.HOLD:
                 controller.stop()
                 controller.run()
