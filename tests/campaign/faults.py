@@ -52,7 +52,7 @@ CAUSES: tuple[Cause, ...] = (
     _cause("reboot", K.RESTARTED, K.TORQUE_LOST, K.LOST_REPLIES, K.BUS_ERROR, notice_s=0.1),
     _cause("heat", K.OVER_TEMPERATURE, notice_s=0.1, pauses=True),
     _cause("low supply", K.LOW_VOLTAGE, K.HARDWARE_ERROR, notice_s=0.1, pauses=True),
-    _cause("stuck latch", K.LATCH_TIMEOUT, K.LATCH_SENSOR, K.LATCH_LOST, passes=True),
+    _cause("stuck latch", K.LATCH_TIMEOUT, K.LATCH_SENSOR, K.LATCH_LOST, *_OFF_PATH, passes=True),
     _cause("blind latch", K.LATCH_TIMEOUT, K.LATCH_SENSOR, K.LATCH_LOST, passes=True),
     _cause("late loop", *_LATE, passes=True),
     _cause("board's emergency stop", K.HARDWARE_ERROR, notice_s=0.1),
