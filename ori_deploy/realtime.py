@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
+import resource
 from dataclasses import dataclass
 
 PRIORITY = 50
@@ -53,11 +55,15 @@ def ask(priority: int = PRIORITY) -> Granted:
     except (AttributeError, OSError) as error:
         refused.append(f"SCHED_FIFO refused ({_why(error)}; rtprio in /etc/security/limits.d grants it)")
     lock = getattr(ctypes.CDLL(None, use_errno=True), "mlockall", None)
-    if lock is not None and lock(_MCL_CURRENT | _MCL_FUTURE) == 0:
-        locked = True
+    if lock is None:
+        reason = "not on this system"
+    elif not _may_lock_all():  # beyond the limit every allocation fails: worse than memory that is paged out
+        reason = "memlock is limited"
     else:
-        reason = "not on this system" if lock is None else os.strerror(ctypes.get_errno())
-        refused.append(f"mlockall refused ({reason}; memlock in /etc/security/limits.d grants it)")
+        locked = lock(_MCL_CURRENT | _MCL_FUTURE) == 0
+        reason = os.strerror(ctypes.get_errno())
+    if not locked:
+        refused.append(f"mlockall refused ({reason}; memlock unlimited in /etc/security/limits.d grants it)")
     return Granted(fifo, locked, tuple(refused))
 
 
@@ -65,10 +71,15 @@ def _why(error: Exception) -> str:
     return error.strerror or str(error) if isinstance(error, OSError) else "not on this system"
 
 
+def _may_lock_all() -> bool:
+    """Whether memory that is locked may grow without end."""
+    return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+
+
 def give_back() -> None:
-    """An ordinary thread with ordinary memory again."""
-    if hasattr(os, "SCHED_OTHER"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    """An ordinary thread with ordinary memory again, as far as the system lets it go back."""
+    with contextlib.suppress(AttributeError, OSError):  # without privileges, reset-on-fork cannot be taken back
+        os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
     unlock = getattr(ctypes.CDLL(None), "munlockall", None)
     if unlock is not None:
         unlock()

@@ -67,7 +67,7 @@ locked = next(line for line in open("/proc/self/status") if line.startswith("VmL
 print(granted.fifo, policy == os.SCHED_FIFO, seen[0] == os.SCHED_OTHER, granted.locked, int(locked) > 0)
 print(granted)
 realtime.give_back()
-print(os.sched_getscheduler(0) == os.SCHED_OTHER)
+print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER)
 """
 
 
@@ -92,3 +92,30 @@ def test_a_refusal_is_told_and_is_no_error(monkeypatch: pytest.MonkeyPatch) -> N
     assert (granted.fifo, granted.locked) == (False, False)
     assert "Operation not permitted" in str(granted)
     assert "limits.d" in str(granted)
+
+
+NOBODY = """
+import os
+from ori_deploy import realtime
+realtime.ask()
+os.setuid(65534)
+realtime.give_back()
+print("went on")
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become nobody")
+def test_giving_back_is_no_error_for_who_may_not() -> None:
+    """Whoever was granted a priority by limits.d cannot take its reset-on-fork back."""
+    done = subprocess.run([sys.executable, "-c", NOBODY], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout == "went on\n", done.stderr
+
+
+def test_memory_that_may_not_grow_is_not_locked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(realtime.resource, "getrlimit", lambda _: (8_000_000, 8_000_000))
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
+    granted = realtime.ask()
+    assert granted.fifo
+    assert not granted.locked
+    assert "memlock is limited" in str(granted)

@@ -139,6 +139,10 @@ def flash(port: str, image: Path) -> None:
     """Write the firmware onto an Arduino Mega 2560 through its bootloader, with avrdude."""
     if not image.is_file():
         raise InputError(f"{image}: no image here", remedy="build it with `make -C firmware`, or give --hex")
+    if not Path(port).is_char_device():  # avrdude would wait for it for ever
+        raise InputError(
+            f"{port}: no serial device here", limit="a device such as /dev/ttyACM0", remedy="check cable and name"
+        )
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise InputError("avrdude is not installed", remedy="install it (Debian: apt-get install avrdude)")

@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 
 import click
 import numpy as np
 
 from ori_deploy.deploy.controller import Controller
-from ori_deploy.errors import InputError
+from ori_deploy.deploy.states import State
+from ori_deploy.errors import InputError, MotionError
 from ori_deploy.files import load_design
 from ori_deploy.motion import Interference, Plan
 from ori_deploy.motion.mechanism_of import mechanism_of
-from ori_deploy.motion.recovery import find_recovery
+from ori_deploy.motion.recovery import Recovery, find_recovery
+from ori_deploy.profiles.profile import Reals
 
 LOOKS = 10
 """Cycles whose readings are averaged: a way begins where the cells stand, not where one reading says."""
 
+Start = Callable[[Controller, Callable[[], bool]], None]
 
-def recovering(design_file: Path | None, plan: Plan) -> Callable[[Controller], None]:
-    """What finds a way for an armed controller and starts it on that way.
+
+@contextmanager
+def recovering(design_file: Path | None, plan: Plan) -> Iterator[Start]:
+    """What finds a way for an armed controller and starts it on that way; it is told whether somebody says stop.
+
+    Another process looks for the way, as that takes up to a second: the loop goes on, and no watchdog trips.
 
     Raises
     ------
@@ -37,14 +47,40 @@ def recovering(design_file: Path | None, plan: Plan) -> Callable[[Controller], N
             limit=f"{plan.design_sha256[:12]}, the plan's",
             remedy="give the design file that was planned",
         )
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as others:
+        others.submit(_ready).result()  # loaded before the loop begins
+        yield lambda controller, stopping: _start(controller, stopping, others, design_file, plan)
+
+
+def _start(
+    controller: Controller, stopping: Callable[[], bool], others: Executor, design_file: Path, plan: Plan
+) -> None:
+    measured = np.array([controller.step().folds for _ in range(LOOKS)])
+    folds = np.nanmean(measured, axis=0)
+    looking = others.submit(_look, design_file, folds, plan.step_tolerance.seating_depth_m)
+    while not looking.done():
+        controller.step()
+        if stopping():
+            raise KeyboardInterrupt
+        if controller.state is not State.ARMED:
+            raise MotionError(f"a way was looked for, and then: {controller.fault}", remedy="see the fault")
+    found = looking.result()
+    if isinstance(found, str):
+        raise MotionError(found)
+    stands = ", ".join(f"{name} {fold:.3f}" for name, fold in zip(plan.cell_ids, folds, strict=True))
+    click.echo(f"cells stand at fold {stands}; all go to {found.target:.3f}, {found.n_poses} poses checked")
+    controller.recover(found)
+
+
+def _ready() -> None:
+    """A process that has loaded this module."""
+
+
+def _look(design_file: Path, folds: Reals, contact_m: float) -> Recovery | str:
+    """A way, or in words why there is none."""
+    design = load_design(design_file)
     interference = Interference(mechanism_of(design.structure, design.r_max_m))
-
-    def start(controller: Controller) -> None:
-        measured = np.array([controller.step().folds for _ in range(LOOKS)])
-        folds = np.nanmean(measured, axis=0)
-        found = find_recovery(interference, folds, contact_m=plan.step_tolerance.seating_depth_m)
-        stands = ", ".join(f"{name} {fold:.3f}" for name, fold in zip(plan.cell_ids, folds, strict=True))
-        click.echo(f"cells stand at fold {stands}; all go to {found.target:.3f}, {found.n_poses} poses checked")
-        controller.recover(found)
-
-    return start
+    try:
+        return find_recovery(interference, folds, contact_m=contact_m)
+    except MotionError as none:
+        return str(none)

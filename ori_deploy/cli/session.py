@@ -226,12 +226,6 @@ def carry_out(
     if "deploy" in commands:
         require_unfolded(plan, o.span_unfolded)  # before anything is armed
     rig = rig_for(rig_path, plan)
-    begin: dict[Command, Callable[[Controller], None]] = {
-        "deploy": lambda controller: controller.deploy(span_unfolded=o.span_unfolded),
-        "stow": lambda controller: controller.stow(),
-    }
-    if "recover" in commands:
-        begin["recover"] = recovering(o.design, plan)
     real = o.realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
     bus = make_bus(
@@ -244,6 +238,7 @@ def carry_out(
         Live(rig, real=real) as live,
         flight_recorder(o.log, plan_path, rig_path, plan, rig, clock) as recorder,
         journal(o.journal, rig_path, rig, o.port, clock) as left_word,
+        recovering(o.design, plan) if "recover" in commands else nullcontext(_no_way) as recover,
         controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,
         punctual(real),
     ):
@@ -260,7 +255,12 @@ def carry_out(
                 if stop.requested:
                     break
                 live.begin(command)
-                begin[command](controller)
+                if command == "deploy":
+                    controller.deploy(span_unfolded=o.span_unfolded)
+                elif command == "stow":
+                    controller.stow()
+                else:
+                    recover(controller, lambda: stop.requested)
                 results.append(run_command(controller, stop, operator))
                 if recorder is not None:
                     recorder.write_result(results[-1])
@@ -270,6 +270,10 @@ def carry_out(
                 if command != commands[-1]:
                     _dwell(controller, rig, operator)
     return plan, tuple(results), _stopped_by(stop, operator)
+
+
+def _no_way(controller: Controller, stopping: Callable[[], bool]) -> None:
+    """Nobody asked for a way back into step."""
 
 
 @contextmanager

@@ -59,7 +59,7 @@ class Checks:
         """Health now; None when the bus failed."""
         health = self._link.read_health(now)
         if health is not None:
-            self._weigh(self._monitor.judge_health(health, holding, now), now)
+            self._weigh(self._monitor.judge_health(health, holding, now), bool(health.sound.all()), now)
         return health
 
     def latches_if_due(self, state: State, in_step: bool, now: float) -> Latches | None:
@@ -76,13 +76,17 @@ class Checks:
             self._trip(self._monitor.judge_latches(state, latches, now))
         return latches
 
-    def _weigh(self, found: Fault | None, now: float) -> None:
-        """Heat and a low supply pause a motion first, since they may pass; everything else is a fault."""
-        if found is None or found.kind not in PAUSING:
-            self.concern = None
+    def _weigh(self, found: Fault | None, everybody_answered: bool, now: float) -> None:
+        """Heat and a low supply pause a motion first, since they may pass; everything else is a fault.
+
+        That one who does not answer has cooled is not known.
+        """
+        if found is None:
+            self.concern = None if everybody_answered else self.concern
+        elif found.kind not in PAUSING:
             self._trip(found)
-        elif self.concern is None:
-            self.concern = found
-            self._pause()
-        elif now - self.concern.time_s > self._settings.pause_patience_s:
-            self._trip(found)
+        else:
+            self.concern = self.concern or found
+            self._pause()  # whatever began to move since it was found
+            if now - self.concern.time_s > self._settings.pause_patience_s:
+                self._trip(found)

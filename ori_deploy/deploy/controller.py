@@ -7,6 +7,7 @@ says so.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import ActuatorBus, HingeReadings
+from ori_deploy.actuators.bus import ActuatorBus, BusError, HingeReadings
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.clock import Clock
 from ori_deploy.deploy.agreement import check_agreement
@@ -240,7 +241,13 @@ class Controller(Cycle):
             self._motion.let_go()
 
     def _torque_on(self, _: Event) -> None:
-        self._tracking.stand(self._link.torque_on(self._attempts), self._clock.now())
+        try:
+            goal = self._link.torque_on(self._attempts)
+        except BusError:
+            with contextlib.suppress(BusError):  # the first error is the one that gets raised
+                self._link.bus.disable_torque()
+            raise
+        self._tracking.stand(goal, self._clock.now())
         self._monitor.restart()
         self._errand.drop()
 
@@ -295,6 +302,7 @@ class Controller(Cycle):
         self._monitor.seed(folds)
         self._errand.begin(command, now, self._counts(now))
         self._left_word = None  # from here on it is ours
+        self._checks.concern = None  # every actuator was found fit just now
         self._note(self._errand.state)
 
     def _turn(self, command: Event) -> State:
@@ -323,7 +331,7 @@ class Controller(Cycle):
             FaultKind.EMERGENCY_STOP,
             "controller",
             f"pressed by {self._pressed_by}",
-            "see why it was pressed, then clear the fault",
+            "see why it was pressed; then clear the fault, or give the command again in a new session",
             self._clock.now(),
         )
         if self._fault is None:

@@ -36,6 +36,9 @@ FloatArray = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 
+JOURNAL_PATIENCE_S = 3.0
+"""How long the structure waits, at rest, for the disk to have what is about to be done."""
+
 
 class Cycle:
     """Does what the present state asks for, once per period of the rig; commands come from `Controller`.
@@ -68,7 +71,7 @@ class Cycle:
         self._fault: Fault | None = None
         self._observers = Observers(observers)
         self._journal = journal
-        self._journal_due = False  # what is about to be done has to be on the disk first
+        self._journal_since: float | None = None  # when the entry was posted that is not known to be on the disk
 
         self._errand = Errand()
         self._stage_work = StageWork(self._errand, rig, self._link, self._monitor, self._trip)
@@ -146,7 +149,7 @@ class Cycle:
         latches = self._checks.latches_if_due(self.state, not self._errand.recovering, now)
         self._send(now)
         health = self._finish_stage(readings, health, latches, now)
-        self._seating.limit(self.state, self._errand.stage, self._motion.fold, now)
+        self._seating.limit(self.state, self._errand.stage, self._motion.place(), self._fault, now)
         record = self._record(now, deadline, readings, folds, health, latches)
         self._cycles += 1
         self._was_under_way = self.under_way
@@ -199,7 +202,9 @@ class Cycle:
             self._fire(Event.AT_REST)
             self._note(State.ARMED)
         elif self.state is State.MOVING and self._errand.recovering:
-            if self._motion.followed and self._stage_work.settled(readings, self._motion.goal, now):
+            if not self._motion.followed:
+                self._errand.started_s = now  # settling begins when the way ends
+            elif self._stage_work.settled(readings, self._motion.goal, now):
                 self._do(Event.RECOVERED)
         elif self.state is State.MOVING and self._motion.arrived:
             self._do(Event.ARRIVED)
@@ -306,11 +311,15 @@ class Cycle:
         self._stop_ramp = stop_ramp(fault.kind, self._pacer.period_s)
         if self._link.bus.delay_s > 0.0:
             now = self._clock.now()
-            self._tracking.cut(now, self._link.brake(now))
+            self._tracking.cut(now, self._link.brake())
 
     def _next_stage(self, event: Event) -> None:
         self._errand.next_stage(self._clock.now())
-        ended = {Event.DEPLOYMENT_SECURED: State.DEPLOYED, Event.STOWAGE_SECURED: State.STOWED}
+        ended = {
+            Event.DEPLOYMENT_SECURED: State.DEPLOYED,
+            Event.STOWAGE_SECURED: State.STOWED,
+            Event.RECOVERED: State.ARMED,
+        }
         self._note(ended.get(event, self._errand.state))
 
     # -- the journal ---------------------------------------------------------------------------------
@@ -319,10 +328,10 @@ class Cycle:
         """Leave word of what is about to be done; nothing is, before that is on the disk."""
         if self._journal is None:
             return
-        begin, end = self._range()
+        begin, end = self._range(state)
         entry = Entry(
             command=str(self._errand.command or ""),
-            stage=self._errand.stage or "",
+            stage="" if state is State.ARMED else self._errand.stage or "",
             state=str(state),
             from_fold=begin,
             to_fold=end,
@@ -330,24 +339,32 @@ class Cycle:
             rig_sha256=self._rig.sha256,
         )
         self._journal.post(entry)
-        self._journal_due = True
+        self._journal_since = self._clock.now()
 
-    def _range(self) -> tuple[float, float]:
-        """Folds between which the cells will be during the stage."""
-        if self._motion.placed:
-            # What turns round goes on a little before it comes back.
-            rest_s = self._motion.path_time_s + self._motion.rate * self._motion.gentle.longest_s
-            return self._errand.folds(self._table.fold_at(rest_s))
-        folds = self._monitor.folds if self._way is None else self._way.corners
+    def _range(self, state: State) -> tuple[float, float]:
+        """Folds between which the cells will be while the entry stands."""
+        motion = self._motion
+        if motion.placed and state is State.ARMED:
+            return motion.fold, motion.fold
+        if motion.placed:
+            # What turns round goes on a little before it comes back; before the path there is no rate on it.
+            rate = motion.rate if motion.on_path else 0.0
+            return self._errand.folds(self._table.fold_at(motion.path_time_s + rate * motion.gentle.longest_s))
+        follows = self._way is not None and state is not State.ARMED
+        folds = self._way.corners if follows and self._way is not None else self._monitor.folds
         return float(folds.min()), float(folds.max())
 
     def _written(self) -> bool:
         """Whether the journal has it; a disk that fails is told, and does not strand the structure half-way."""
-        if self._journal is None or not self._journal_due:
+        if self._journal is None or self._journal_since is None:
             return True
-        if not self._journal.settled():
+        if self._journal.settled():
+            failure = self._journal.failure
+        elif self._clock.now() - self._journal_since <= JOURNAL_PATIENCE_S:
             return False
-        self._journal_due = False
-        if self._journal.failure is not None:
-            self._observers.note(f"journal: {self._journal.failure}")
+        else:
+            failure = f"no answer from the disk for {JOURNAL_PATIENCE_S:g} s"
+        self._journal_since = None
+        if failure is not None:
+            self._observers.note(f"journal: {failure}")
         return True

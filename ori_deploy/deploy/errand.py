@@ -20,15 +20,15 @@ STAGES: Mapping[Event, tuple[StageName, ...]] = MappingProxyType(
 
 _TURNED: Mapping[StageName, StageName] = MappingProxyType(
     {
-        "unlock": "close",
+        "unlock": "unlatch",
         "open": "close",
         "latch": "unlatch",
-        "unlatch": "open",
+        "unlatch": "unlock",
         "close": "open",
         "lock": "unlock",
     }
 )
-"""Where the other command takes over from each stage: what may still be latched is opened first."""
+"""Where the other command takes over from each stage: nothing moves before every latch of both ends is open."""
 
 _MOVES = frozenset({"open", "close", "recover"})
 _CLOSES = frozenset({"latch", "lock"})

@@ -20,7 +20,10 @@ from ori_deploy.errors import FileError
 
 SCHEMA = "ori-deploy/journal/1"
 
-_TEXT = ("command", "stage", "state", "design_sha256", "plan_sha256", "rig_sha256", "written")
+CLOSE_S = 5.0
+"""How long closing waits for the disk."""
+
+_TEXT = ("command", "stage", "state", "design_sha256", "rig_sha256", "written")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +38,8 @@ class Entry:
         Of the controller.
     from_fold, to_fold
         Folds between which the cells are while this entry stands.
-    design_sha256, plan_sha256, rig_sha256
-        What was carried out, on what.
+    design_sha256, rig_sha256
+        What was moved, and on what; only the first is compared.
     written
         Date and time, for people: the computer's clock may be wrong.
     """
@@ -47,7 +50,6 @@ class Entry:
     from_fold: float
     to_fold: float
     design_sha256: str = ""
-    plan_sha256: str = ""
     rig_sha256: str = ""
     written: str = ""
 
@@ -160,7 +162,7 @@ class JournalFile:
         with self._news:
             self._closed = True
             self._news.notify_all()
-        self._thread.join()
+        self._thread.join(CLOSE_S)  # a disk that never answers is left alone; the thread ends with the program
 
     def __enter__(self) -> JournalFile:
         return self
@@ -179,8 +181,8 @@ class JournalFile:
             try:
                 write_entry(self.path, entry)
                 failure = None
-            except OSError as wrong:
-                failure = f"{self.path}: {wrong.strerror or wrong}"
+            except Exception as wrong:  # noqa: BLE001  whoever waits for this thread has to be answered
+                failure = f"{self.path}: {getattr(wrong, 'strerror', None) or wrong}"
             with self._news:
                 self._failure, self._busy = failure, False
                 self._news.notify_all()

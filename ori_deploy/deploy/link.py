@@ -121,13 +121,12 @@ class Link:
             except BusError as error:
                 self._fail(error, now)
 
-    def brake(self, now: float) -> float:
+    def brake(self) -> float:
         """Have a bus that queues goals come to rest at once, along them; time until then, in s.
 
         It takes no more goals before `torque_on`. A bus that fails here is no further fault: it is told to brake
         because of one.
         """
-        del now
         if self.lost or self.bus.delay_s == 0.0:
             return 0.0
         self.braked = True

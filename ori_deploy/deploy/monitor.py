@@ -121,10 +121,11 @@ class Monitor:
         away = np.abs(readings.position_rad - goal_rad) / self._gear
         i = int(np.argmax(np.where(self._fresh, away, np.inf)))
         hinge = self._rig.hinges[i]
+        where = f"{away[i]:.4f} rad from where it was to go" if self._fresh[i] else "silent"
         return Fault(
             FaultKind.GOAL_TOLERANCE,
             self._rig.hinge_ids[i],
-            f"crease {hinge.crease} of cell {hinge.cell} is {away[i]:.4f} rad from the end of the path; "
+            f"crease {hinge.crease} of cell {hinge.cell} is {where}; "
             f"limit: goal_tolerance_rad = {self._settings.goal_tolerance_rad:.4f}",
             "find what holds it back, then clear the fault",
             now,

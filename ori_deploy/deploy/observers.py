@@ -29,8 +29,7 @@ class Observers:
     @property
     def errors(self) -> list[str]:
         """What they raised, and what those tell that go on."""
-        told = [str(problem) for one in self._observers for problem in getattr(one, "problems", ())]
-        return self._errors + told
+        return self._errors + [problem for one in self._observers for problem in _problems(one)]
 
     def note(self, problem: str) -> None:
         """What went wrong beside the motion, and is to be told with its result."""
@@ -49,7 +48,15 @@ class Observers:
             except Exception as error:  # noqa: BLE001  a full disk must not stop a structure half-way
                 log.error("observer %r failed in cycle %d: %r", observer, record.index, error)
                 self._observers.remove(observer)
-                self._errors.append(f"{type(error).__name__}: {error}")
+                self._errors += [*_problems(observer), f"{type(error).__name__}: {error}"]
+
+
+def _problems(observer: Observer) -> list[str]:
+    """What an observer tells that went wrong; one that cannot even tell that is no end of anything."""
+    try:
+        return [str(problem) for problem in getattr(observer, "problems", ())]
+    except Exception as error:  # noqa: BLE001  as above
+        return [f"{type(error).__name__}: {error}"]
 
 
 def _sealed(record: CycleRecord) -> CycleRecord:

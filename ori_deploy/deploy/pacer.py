@@ -46,6 +46,7 @@ class Pacer:
         missed = start = self._deadline
         if now > self._deadline and not under_way:
             missed = start = now  # nobody was waiting for the cycles in between
+            self.late_in_a_row = 0
         elif now > self._deadline:
             late = int((now - self._deadline) / self.period_s)
             self.overruns += 1 + late

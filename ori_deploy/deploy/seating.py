@@ -130,22 +130,29 @@ class Seating:
 
     # -- effort --------------------------------------------------------------------------------------
 
-    def limit(self, state: State, stage: StageName | None, fold: float, now: float) -> None:
-        """Let hinges push as hard as what they do asks for; what rests or has a fault goes on as it was.
+    def limit(self, state: State, stage: StageName | None, place: Place, fault: Fault | None, now: float) -> None:
+        """Let hinges push as hard as what they do asks for; what has a fault goes on as it was.
+
+        Unless the fault is that a latch let go: then nothing but the hinges holds the structure.
 
         Parameters
         ----------
         state, stage
             At the end of a cycle.
-        fold
-            That was commanded.
+        place
+            Where the goals are.
+        fault
+            The latched one.
         now
             For faults of the bus.
         """
         if state is State.DEPLOYED:
             part = self._settings.holding_effort
-        elif state in (State.MOVING, State.LATCHING):
-            part = self._settings.seating_effort if self.within(stage, fold) else 1.0
+        elif state in (State.MOVING, State.LATCHING, State.HOLD, State.STOPPING):
+            closes = self._seats and place.fold >= self._begins and place.rate > 0.0  # turning round, say
+            part = self._settings.seating_effort if closes or self.within(stage, place.fold) else 1.0
+        elif state is State.FAULT and fault is not None and fault.kind is FaultKind.LATCH_LOST:
+            part = 1.0
         else:
             return
         if self._limits:

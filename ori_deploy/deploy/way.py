@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,8 +48,8 @@ class Way:
         self.corners = np.asarray(recovery.fold, dtype=np.float64)
         self._plan, self._rig = plan, rig
         self._off = goal_rad - self._shaft(self.corners[0])
-        legs = zip(self.corners[:-1], self.corners[1:], strict=True)
-        lasts = [self._leg_s(a, b, ramp) for a, b in legs]
+        off = np.abs(self._off / rig.shaft_per_crease).max()
+        lasts = [self._leg_s(a, b, off if k == 0 else 0.0, ramp) for k, (a, b) in enumerate(pairwise(self.corners))]
         self._begins = np.concatenate([[0.0], np.cumsum(lasts)])
         self.variable = PathVariable(0.0, 0.0, float(self._begins[-1]))
 
@@ -102,15 +104,11 @@ class Way:
     def _shaft(self, folds: FloatArray) -> FloatArray:
         return self._rig.to_actuator(self._angles(folds))
 
-    def _leg_s(self, begin: FloatArray, end: FloatArray, ramp: Ramp) -> float:
+    def _leg_s(self, begin: FloatArray, end: FloatArray, off_rad: float, ramp: Ramp) -> float:
         """How long a leg takes; an ease of duration T is 1.5 / T fast and 6 / T**2 accelerated, a ramp adds to it."""
         part = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
         angles = self._angles(begin + part * (end - begin))
-        if self._off.any() and begin is self.corners[0]:
-            shift = np.abs(self._off / self._rig.shaft_per_crease).max()
-        else:
-            shift = 0.0
-        first = np.abs(np.gradient(angles, part[:, 0], axis=0)).max(axis=0) + shift
+        first = np.abs(np.gradient(angles, part[:, 0], axis=0)).max(axis=0) + off_rad
         second = np.abs(np.gradient(np.gradient(angles, part[:, 0], axis=0), part[:, 0], axis=0)).max(axis=0)
         velocity, acceleration = self._rig.crease_limits()
         velocity = np.minimum(velocity, self._rig.controller.align_velocity_rad_s)

@@ -66,7 +66,7 @@ def run_trial(backend: str, cause: Cause, stage: str, seed: int, folder: Path) -
         _inject(ground, cause.name, int(generator.integers(ground.n)))
         _let_it_end(ground)
         _judge_times(trial, cause, ground, ground.records[before:], injected_s, stage)
-        _judge_ending(trial, cause, ground, stage)
+        _judge_ending(trial, cause, ground)
         _judge_rest(trial, ground)
         _go_on(trial, ground)
         _judge_goals(trial, ground)
@@ -152,8 +152,12 @@ def _go_on(trial: Trial, ground: Ground) -> None:
                 controller.stow()
             else:
                 raise IllegalCommand(controller.state, "going on")
-        except StartRefused:
-            return  # off its path, or a servo is not fit yet: told, and nothing moved
+        except StartRefused as refused:
+            if "off the path" in str(refused) or "out of step" in str(refused):
+                return  # as a jam leaves it: told, and nothing moved
+            last = str(refused)
+            ground.clock.sleep_until(ground.clock.now() + 0.5)
+            continue
         except (BusError, IllegalCommand) as refused:
             last = f"{type(refused).__name__}: {refused}"
             ground.clock.sleep_until(ground.clock.now() + 0.5)
@@ -194,7 +198,7 @@ def _judge_times(
         trial.violations.append(f"at rest {trial.rested_s:.3f} s after it was noticed; limit: {allowed:g} s")
 
 
-def _judge_ending(trial: Trial, cause: Cause, ground: Ground, stage: str) -> None:
+def _judge_ending(trial: Trial, cause: Cause, ground: Ground) -> None:
     controller = ground.controller
     fault = controller.fault
     trial.ended = f"{controller.state}" + (f", {fault.kind} ({fault.thing})" if fault is not None else "")
@@ -208,7 +212,6 @@ def _judge_ending(trial: Trial, cause: Cause, ground: Ground, stage: str) -> Non
         for latch in ground.latches:
             if ground.closed(latch) is False:
                 trial.violations.append(f"deployed, and {latch} is open")
-    del stage
 
 
 def _judge_rest(trial: Trial, ground: Ground) -> None:

@@ -293,6 +293,53 @@ def test_a_command_turns_round_while_latches_are_worked_on(first: str, stage: st
     assert largest_step(b) <= peak_crease_rate(b) * 1.001
 
 
+@pytest.mark.parametrize("first", ["deploy", "stow"])
+def test_turning_round_waits_for_every_latch_as_well(first: str) -> None:
+    """The structure is latched at the end from which the second command moves away."""
+    second, stuck = ("stow", "pin") if first == "deploy" else ("deploy", "lock")
+    b = bench(start="deployed" if first == "deploy" else "stowed", latch=[PIN, STOW_LOCK])
+    b.bus.latch_stuck(stuck)
+    getattr(b.controller, first)()
+    b.steps(3)
+    goal = b.records[-1].commanded_rad
+    getattr(b.controller, second)()
+    result = b.controller.run()
+    assert result.fault is not None
+    assert (result.fault.kind, result.fault.thing) == (FaultKind.LATCH_TIMEOUT, stuck)
+    np.testing.assert_allclose(b.records[-1].commanded_rad, goal, atol=0.01)
+
+
+def test_being_late_is_forgotten_at_rest() -> None:
+    b = bench(controller={"overruns_allowed": 3})
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    for _ in range(6):
+        b.clock.sleep_until(b.clock.now() + 0.011)
+        b.steps(1)
+    b.controller.run()
+    b.clock.sleep_until(b.clock.now() + 10.0)
+    b.controller.clear_fault()
+    b.steps(5)
+    assert b.controller.fault is None
+
+
+def test_what_an_observer_cannot_tell_is_no_end_of_the_result() -> None:
+    class Broken:
+        def __call__(self, record: CycleRecord) -> None:
+            del record
+
+        @property
+        def problems(self) -> list[str]:
+            raise OSError(5, "broken")
+
+    b = bench()
+    b.controller.add_observer(Broken())
+    b.controller.deploy()
+    result = b.controller.run()
+    assert result.succeeded
+    assert any("broken" in error for error in result.observer_errors)
+
+
 def test_speed_can_be_limited_at_any_moment_and_is_no_number_outside_its_range() -> None:
     b = bench()
     b.controller.deploy()

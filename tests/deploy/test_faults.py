@@ -148,6 +148,33 @@ def test_what_passes_in_time_was_only_a_pause(name: str) -> None:
     assert b.controller.run().succeeded
 
 
+def test_who_does_not_answer_has_not_cooled() -> None:
+    b = under_way(controller={"pause_patience_s": 2.0, "health_period_s": 0.05})
+    b.bus.overheat("servo_c4", 75.0)
+    b.steps(12)
+    assert b.controller.state is State.HOLD
+    for _ in range(4):
+        b.bus.silence_health(1)
+        b.steps(10)
+        assert b.controller.concern is not None
+        with pytest.raises(IllegalCommand, match="servo_c4"):
+            b.controller.resume()
+    ends_in_fault(b, FaultKind.OVER_TEMPERATURE, "servo_c4")
+
+
+def test_heat_from_before_the_motion_pauses_it_as_well() -> None:
+    b = bench(controller={"pause_patience_s": 1.0})
+    b.bus.overheat("servo_c4", 75.0)
+    b.steps(10)
+    assert b.controller.concern is not None
+    b.bus.overheat("servo_c4", 30.0)
+    b.controller.deploy()
+    b.bus.overheat("servo_c4", 75.0)
+    b.steps(12)
+    assert b.controller.state is State.HOLD
+    ends_in_fault(b, FaultKind.OVER_TEMPERATURE, "servo_c4")
+
+
 def test_an_alert_is_looked_into_at_once_and_not_when_health_is_due() -> None:
     b = under_way(controller={"health_period_s": 10.0})
     b.bus.overload("servo_c2")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError
 from tests.deploy.synthetic import Bench, bench, synthetic_plan
 
-ENTRY = Entry("deploy", "open", "moving", 0.25, 1.0, "d", "p", "r", "2026-01-01 00:00:00")
+ENTRY = Entry("deploy", "open", "moving", 0.25, 1.0, "d", "r", "2026-01-01 00:00:00")
 
 
 class SlowJournal:
@@ -152,6 +154,50 @@ def test_a_disk_that_fails_is_told_and_strands_nothing() -> None:
     result = b.controller.run()
     assert result.succeeded
     assert any("No space left" in error for error in result.observer_errors)
+
+
+def test_a_disk_that_never_answers_is_told_and_strands_nothing() -> None:
+    b = journalled(SlowJournal(looks=10**9))
+    b.controller.deploy()
+    result = b.controller.run()
+    assert result.succeeded
+    assert any("no answer from the disk for 3 s" in error for error in result.observer_errors)
+
+
+def test_after_a_stop_the_entry_is_where_it_stopped_and_nowhere_else() -> None:
+    journal = SlowJournal(looks=0)
+    b = journalled(journal)
+    b.controller.deploy()
+    b.step_until_fold(0.5)
+    b.controller.stop()
+    b.controller.run()
+    entry = journal.posted[-1]
+    assert (entry.state, entry.stage) == ("armed", "")
+    assert entry.from_fold == entry.to_fold == pytest.approx(b.records[-1].commanded_fold)
+
+
+def test_turning_round_before_the_path_is_reached_keeps_the_entry_true() -> None:
+    journal = SlowJournal(looks=0)
+    b = journalled(journal, start_fold=0.5)
+    b.controller.deploy()
+    while b.controller.step().state is not State.MOVING:
+        pass
+    b.controller.stow()
+    low, high = journal.posted[-1].folds
+    assert low <= 0.45
+    assert high >= 0.49
+    assert b.controller.run().succeeded
+
+
+def test_the_thread_answers_whatever_goes_wrong(tmp_path: Path) -> None:
+    with JournalFile(tmp_path / "journal") as journal:
+        journal.post(Entry("deploy", "open", "moving", math.nan, 1.0))
+        while not journal.settled():
+            time.sleep(0.001)
+        assert journal.failure is not None
+        journal.post(ENTRY)
+    assert journal.failure is None
+    assert read_journal(tmp_path / "journal") == ENTRY
 
 
 @pytest.mark.parametrize(

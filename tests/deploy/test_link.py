@@ -36,7 +36,7 @@ def link(error: BusError) -> tuple[Link, list[Fault]]:
     def trip(fault: Fault) -> None:
         """As the controller: whatever trips brakes."""
         faults.append(fault)
-        made.brake(0.0)
+        made.brake()
 
     made = Link(cast(ActuatorBus, Failing(error)), trip, VirtualClock(), 0.1)
     return made, faults
@@ -57,6 +57,6 @@ def test_without_a_remedy_it_points_to_the_message() -> None:
 @pytest.mark.parametrize(("error", "lost"), [(BusTimeout("silent"), False), (BusClosed("gone"), True)])
 def test_a_bus_that_fails_to_brake_is_no_further_fault(error: BusError, lost: bool) -> None:
     one, faults = link(error)
-    assert one.brake(0.0) == 0.3
+    assert one.brake() == 0.3
     assert one.lost is lost
     assert faults == []

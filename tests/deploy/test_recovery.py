@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.clock import VirtualClock
 from ori_deploy.deploy.controller import Controller
+from ori_deploy.deploy.journal import Entry
 from ori_deploy.deploy.result import CycleRecord, FaultKind, Outcome, StartRefused
 from ori_deploy.deploy.states import IllegalCommand, State
+from ori_deploy.deploy.way import Way
 from ori_deploy.motion.recovery import Recovery
 from sim_backends.mock import MockBus
 from tests.deploy.synthetic import Bench, synthetic_plan, synthetic_rig
@@ -117,3 +119,49 @@ def test_nothing_is_recovered_without_a_position() -> None:
     b.bus.mute("servo_c1")
     with pytest.raises((StartRefused, CommandRefused), match="servo_c1"):
         b.controller.recover(planned)
+
+
+def test_a_goal_off_the_way_is_taken_out_slowly_and_a_lost_reply_at_its_end_does_no_harm() -> None:
+    b = out_of_step([0.2, 0.5, 0.2, 0.2])
+    measured = b.controller.step().folds
+    goal = b.controller._motion.goal + 0.3  # somebody told the shafts something else
+    b.controller._motion.goal = goal
+    recovery = Recovery(np.stack([np.clip(measured, 0.0, 1.0), np.full(4, 0.3)]), 2)
+    follow = Way(recovery, goal, PLAN, b.rig, b.controller._motion.gentle)
+    shafts = [follow.shaft()]
+    np.testing.assert_allclose(shafts[0], goal)
+    while not follow.finished:
+        follow.variable.advance(0.01, 1.0, b.controller._motion.gentle)
+        shafts.append(follow.shaft())
+    speed = np.abs(np.diff(b.rig.to_crease(np.array(shafts)), axis=0)).max() / 0.01
+    assert speed <= b.rig.controller.align_velocity_rad_s * 1.05
+
+
+def test_a_reply_that_is_lost_as_the_way_ends_is_waited_for() -> None:
+    b = out_of_step([0.2, 0.5, 0.2, 0.2])
+    b.controller.recover(way(b, [0.3] * 4))
+    while not b.controller._motion.followed:
+        b.controller.step()
+    b.bus.drop_replies("servo_c3", 1)
+    assert b.controller.run().succeeded
+
+
+def test_recovered_cells_are_noted_where_they_are() -> None:
+    posted = []
+
+    class Noted:
+        last = failure = None
+
+        def post(self, entry: Entry) -> None:
+            posted.append(entry)
+
+        def settled(self) -> bool:
+            return True
+
+    b = out_of_step([0.2, 0.5, 0.2, 0.2])
+    b.controller._journal = Noted()  # type: ignore[assignment]
+    b.controller.recover(way(b, [0.3] * 4))
+    assert posted[-1].folds == pytest.approx((0.2, 0.5), abs=0.02)
+    assert b.controller.run().succeeded
+    assert posted[-1].state == "armed"
+    assert posted[-1].folds == pytest.approx((0.3, 0.3), abs=0.02)
