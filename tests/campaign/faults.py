@@ -56,7 +56,7 @@ CAUSES: tuple[Cause, ...] = (
     _cause("blind latch", K.LATCH_TIMEOUT, K.LATCH_SENSOR, K.LATCH_LOST, passes=True),
     _cause("late loop", *_LATE, passes=True),
     _cause("board's emergency stop", K.HARDWARE_ERROR, notice_s=0.1),
-    _cause("board hangs", K.RESTARTED, K.LOST_REPLIES, K.WATCHDOG, K.BUS_ERROR, K.HARDWARE_ERROR),
+    _cause("board hangs", K.PATH_TOLERANCE, K.RESTARTED, K.LOST_REPLIES, K.WATCHDOG, K.BUS_ERROR, K.HARDWARE_ERROR),
     _cause("emergency stop", K.EMERGENCY_STOP, notice_s=0.02),
 )
 
