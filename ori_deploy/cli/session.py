@@ -40,6 +40,9 @@ from sim_backends.mock import MockBus
 Command = Literal["deploy", "stow", "recover"]
 Place = Literal["stowed", "deployed"]
 
+SAME_WISH_S = 2.0
+"""Signals that follow the first one within that time ask for nothing more: it is being done."""
+
 _DWELL_S = 1.0
 """Pause between two commands of one session."""
 
@@ -130,13 +133,15 @@ class StopRequest:
     """What SIGINT, SIGTERM and SIGHUP ask for: the structure comes to rest along its path.
 
     The first signal only sets `requested`, which is looked at once per cycle: an exception out of nowhere
-    could leave a bus transaction half done. A second one raises KeyboardInterrupt.
+    could leave a bus transaction half done. One that comes soon after it is the same wish, by nervous fingers or
+    a wrapper that signals its whole group; a later one raises KeyboardInterrupt.
     """
 
     SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
     def __init__(self) -> None:
         self.requested = False
+        self._first_s = 0.0
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
@@ -151,9 +156,11 @@ class StopRequest:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         del number, frame
-        if self.requested:
+        now = time.monotonic()
+        if not self.requested:
+            self.requested, self._first_s = True, now
+        elif now - self._first_s > SAME_WISH_S:
             raise KeyboardInterrupt
-        self.requested = True
 
 
 @dataclass(frozen=True, kw_only=True)

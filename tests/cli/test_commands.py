@@ -294,6 +294,16 @@ def test_a_signal_stops_a_motion_once_and_nothing_else(states: list[State], stop
     assert controller.stops == stops
 
 
+def test_nervous_fingers_ask_once_and_patient_ones_break_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    with StopRequest() as stop:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGINT)
+        assert stop.requested
+        monkeypatch.setattr(session, "SAME_WISH_S", 0.0)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
 def test_a_signal_before_torque_leaves_it_off(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Requested(StopRequest):
         def __enter__(self) -> StopRequest:
