@@ -24,6 +24,9 @@ BRAKE_REACTION_S = 0.04
 SOFT = 0.75
 """Part of the room for a fault's stop that a motion may use; at the whole of it, it is a fault."""
 
+LATE = 0.5
+"""Of a ramp's build-up: how far a rate that follows a falling limit is behind it."""
+
 TURN_ROUND = 1.5
 """Of a ramp's build-up: what a slope that still points up costs before it points down."""
 
@@ -48,7 +51,8 @@ class Tracking:
         stop, reaction_s = ABORT.slew_per_s, cycles_s + TURN_ROUND * ABORT.build_up_s
         if self._queues:
             stop, reaction_s = 1.0 / bus.brake_s, 1.0 / rig.rate_hz + BRAKE_REACTION_S
-        self._room = StepRoom(plan.step_tolerance, table, motion.gentle.slew_per_s, cycles_s)
+        slowing_s = cycles_s + LATE * motion.gentle.build_up_s
+        self._room = StepRoom(plan.step_tolerance, table, motion.gentle.slew_per_s, slowing_s)
         self._stop_room = StepRoom(plan.step_tolerance, table, stop, reaction_s)
         self.rate_limit = 1.0
 

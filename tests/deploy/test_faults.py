@@ -11,7 +11,7 @@ from ori_deploy.actuators.bus import BusClosed, CommandRefused
 from ori_deploy.deploy.result import FaultKind, MotionResult, Outcome
 from ori_deploy.deploy.states import IllegalCommand, State
 from ori_deploy.motion.step_tolerance import StepTolerance
-from tests.deploy.synthetic import Bench, bench, synthetic_plan
+from tests.deploy.synthetic import NARROWING, Bench, bench, synthetic_plan
 from tests.deploy.test_controller import PIN, STOW_LOCK, largest_step, peak_crease_rate
 
 ELECTROMAGNET = {
@@ -146,6 +146,16 @@ def test_what_passes_in_time_was_only_a_pause(name: str) -> None:
     assert result.outcome is Outcome.HELD
     b.controller.resume()
     assert b.controller.run().succeeded
+
+
+@pytest.mark.parametrize("duration_s", [1.5, 2.0, 3.0, 4.5])
+@pytest.mark.parametrize("command", ["deploy", "stow"])
+def test_a_sound_structure_is_only_slowed_where_the_tolerance_narrows(duration_s: float, command: str) -> None:
+    plan = synthetic_plan(4, duration_s=duration_s, tolerance=NARROWING)
+    b = bench(plan, start="stowed" if command == "deploy" else "deployed")
+    getattr(b.controller, command)()
+    result = b.controller.run()
+    assert result.succeeded, result.fault
 
 
 def test_who_does_not_answer_has_not_cooled() -> None:
