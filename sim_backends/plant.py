@@ -53,6 +53,8 @@ def plant_for_rig(rig: ResolvedRig, crease_rad: ArrayLike) -> Plant:
 
 def _tell(design: Design, plant: Plant, seen: Trial) -> None:
     click.echo(f"{design.name}: largest torque at the driven creases, N m, in {plant.world.time_s:.3g} s")
+    low, high = float(seen.fold.min()), float(seen.fold.max())
+    click.echo(f"compared from fold {low:.3f} to {high:.3f}; of what lies beyond `ori-deploy size` alone tells")
     click.echo(f"{'hinge':<12} {'plant':>8} {'size':>8} {'apart':>8}")
     apart = np.abs(seen.torque_nm - seen.sized_nm).max(axis=0)
     for k, drive in enumerate(plant.world.model.drives):
