@@ -13,7 +13,7 @@ from tests.campaign.soak import soak
 from tests.campaign.trial import run_trial
 
 SEED = 20261126
-FAST = ("open", "latch", "close")
+FAST = ("open", "close")
 """Stages that are tried in the fast suite; the rest comes with the slow tests."""
 
 ON_MOCK = [cause for cause in CAUSES if "board" not in cause.name]

@@ -119,6 +119,7 @@ def test_pause_status_resume_deployed(plan: Path, runtime_folder: Path, tmp_path
     assert not list(runtime_folder.iterdir())
 
 
+@pytest.mark.slow
 def test_stop_ends_the_session_as_ctrl_c_does_and_says_who(plan: Path, tmp_path: Path) -> None:
     with session(tmp_path, "deploy", plan, "--rig", plan.with_name(RIG), "--realtime") as running:
         running.until("-> moving")

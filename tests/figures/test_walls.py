@@ -25,6 +25,7 @@ def ellipse_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ori_deploy.figures.walls.wall_shapes", lambda: {"ellipse": Superellipse(1.0, 0.6)})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ellipse_only")
 def test_a_thick_wall_has_a_maximum_and_the_row_ends_at_the_dead_centre() -> None:
     # Thicker than anyone would: the row is short.

@@ -18,7 +18,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 SHAPES = ("wing_span_3", "antenna_helix", "cone_circular_6")
 
 
-@pytest.fixture(scope="module", params=SHAPES)
+@pytest.fixture(
+    scope="module", params=[SHAPES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in SHAPES[1:])]
+)
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("designs") / "made.design.json"
     make_design(EXAMPLES / f"{request.param}.toml", path)

@@ -88,6 +88,7 @@ def test_equal_cells_of_a_circular_cone_are_an_optimum() -> None:
     assert solve(shape, built.layout, built.wall_rad, start=start).eta == pytest.approx(built.eta, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_narrow_cone_has_the_optimum_of_its_cylinder() -> None:
     built = cone("elliptic 6")
     base = built.profile.base
