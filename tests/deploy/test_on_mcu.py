@@ -41,7 +41,7 @@ def test_pulses_are_the_planned_angles_at_every_frame(tmp_path: Path) -> None:
             assert np.abs(width_ns[inside] - wanted).max() <= TICK_NS
             along = pulse_ns(setup, hinge, planned(setup, time_s[inside])[:, hinge])
             known = np.isfinite(along)
-            assert known.sum() > 100
+            assert known.sum() > 60  # where the rate of the path changes evenly between two commands
             assert np.abs(width_ns[inside] - along)[known].max() <= TICK_NS
 
 
