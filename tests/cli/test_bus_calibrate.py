@@ -177,7 +177,9 @@ def test_a_model_without_current_sensor_finds_its_stop_too(wing: Wing, tmp_path:
     rig = rig_with_a_model_without_current_sensor(tmp_path)
     with servos(wing, tmp_path, row=MIDDLE, models=XL_AT_4) as bus:
         found = registers_without_current(bus)
-        done = calibrate(wing, rig, bus, "--hinge", "servo_4", "--stop", "closing", "--current", 0.3, "--speed", 150, "--yes")
+        done = calibrate(
+            wing, rig, bus, "--hinge", "servo_4", "--stop", "closing", "--current", 0.3, "--speed", 150, "--yes"
+        )
         assert done.exit_code == 0, done.output
         assert registers_without_current(bus) == found
     assert load_rig(rig).hinge[3].zero_rad == pytest.approx(wing.rig.zero_rad[3], abs=3 * COUNT_RAD)
