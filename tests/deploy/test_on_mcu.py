@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from ori_deploy.actuators.bus import BusError, CommandRefused
 from ori_deploy.deploy.path import PathTable
@@ -41,14 +42,14 @@ def test_pulses_are_the_planned_angles_at_every_frame(tmp_path: Path) -> None:
             assert np.abs(width_ns[inside] - wanted).max() <= TICK_NS
             along = pulse_ns(setup, hinge, planned(setup, time_s[inside])[:, hinge])
             known = np.isfinite(along)
-            assert known.sum() > 60  # where the rate of the path changes evenly between two commands
+            assert known.sum() > 120
             assert np.abs(width_ns[inside] - along)[known].max() <= TICK_NS
 
 
 def planned(setup: Setup, time_s: np.ndarray) -> np.ndarray:
     """(n, n_hinges) the plan's own shaft positions at device times; NaN where the motion is not on the path.
 
-    Between two commands the rate of the path changes evenly, so path time is a parabola between two knots.
+    Between two commands path time is a cubic, exactly so where the jerk of its rate is the same all the way.
     """
     table, period_s = PathTable.build(setup.plan, setup.rig), 1.0 / setup.rig.rate_hz
     places = [(knot.time_s, setup.records[min(k, len(setup.records) - 1)]) for k, knot in setup.sent]
@@ -61,10 +62,11 @@ def planned(setup: Setup, time_s: np.ndarray) -> np.ndarray:
         if not 0 <= i < len(times) - 1 or places[i][1].state is not State.MOVING or rate[i] * rate[i + 1] == 0.0:
             continue
         span = times[i + 1] - times[i]
-        if abs(where[i + 1] - where[i] - 0.5 * (rate[i] + rate[i + 1]) * period_s) > 1e-9:
+        if abs(where[i + 1] - where[i] - 0.5 * (rate[i] + rate[i + 1]) * period_s) > 1e-3:
             continue  # on the way to the path
         u = (at - times[i]) / span
-        found[row] = table.shaft_at(where[i] + period_s * u * (rate[i] + 0.5 * u * (rate[i + 1] - rate[i])))
+        along = CubicHermiteSpline([0.0, 1.0], where[i : i + 2], period_s * rate[i : i + 2])
+        found[row] = table.shaft_at(float(along(u)))
     return found
 
 

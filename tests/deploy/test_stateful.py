@@ -169,8 +169,8 @@ class Campaign(RuleBasedStateMachine):
         if record.state not in MAY_HAVE_RATE:
             assert record.rate == 0.0
         # To zero at once only at an end of the path, where the plan rests, or when the link is gone; else a fault
-        # may take two cycles from full rate, and nothing but a fault more than a fifteenth of it in one.
-        steepest = 0.501 if record.state is State.FAULT else 0.0667
+        # may take two cycles from full rate, and nothing but a fault more than the gentle slope gives in one.
+        steepest = 0.501 if record.state is State.FAULT else 0.0534
         assert abs(record.rate - before.rate) <= steepest or record.rate == 0.0
         if record.state in MUST_SLOW_DOWN and before.state in MUST_SLOW_DOWN:
             self.slowing += 1
