@@ -28,7 +28,6 @@ from ori_deploy.cli.bus_common import (
     ID,
     columns,
     confirm,
-    example,
     model_name,
     place,
     place_options,
@@ -38,7 +37,7 @@ from ori_deploy.cli.bus_common import (
 )
 from ori_deploy.cli.bus_jog import jog
 from ori_deploy.cli.bus_monitor import monitor
-from ori_deploy.cli.frame import warn
+from ori_deploy.cli.frame import example, warn
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.wire.dynamixel import BAUD_CODES
 

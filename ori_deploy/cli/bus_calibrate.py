@@ -23,9 +23,9 @@ from ori_deploy.bench.calibration import (
     stop_zero,
 )
 from ori_deploy.bench.servos import torque_off
-from ori_deploy.cli.bus_common import IN, Place, confirm, example, place, tell_json
+from ori_deploy.cli.bus_common import Place, confirm, place, tell_json
 from ori_deploy.cli.bus_rig import DECIMALS, check_new, from_template, save_rig, with_zeros
-from ori_deploy.cli.frame import EXIT_INTERRUPTED
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example
 from ori_deploy.cli.session import StopRequest, rig_for
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError, RigError

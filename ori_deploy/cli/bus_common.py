@@ -19,6 +19,7 @@ from ori_deploy.actuators.dynamixel.line import MAX_ID, Pong, ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.rig import Rig, load_rig
 from ori_deploy.bench.servos import USUAL_BAUDS, find, find_all
+from ori_deploy.cli.frame import IN
 from ori_deploy.errors import InputError, RigError
 from ori_deploy.wire.dynamixel import BAUD_CODES
 
@@ -29,8 +30,6 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 DIGITS = 9
 """Decimals of a quantity in JSON: far below what a servo resolves, and none of binary fractions' tails."""
-
-IN = click.Path(path_type=Path, dir_okay=False)
 
 
 @dataclass(frozen=True)
@@ -124,11 +123,6 @@ def which_servo(ctx: click.Context, param: click.Parameter, value: str) -> int |
 
 
 ID = click.IntRange(0, MAX_ID)
-
-
-def example(line: str) -> str:
-    """Epilogue of a help page."""
-    return f"\b\nExample:\n  {line}"
 
 
 def place_options(command: _F) -> _F:

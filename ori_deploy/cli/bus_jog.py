@@ -10,8 +10,8 @@ import click
 
 from ori_deploy.bench.jog import LONG_WAY_RAD, Jogged, carry_out, plan_move
 from ori_deploy.bench.servos import find
-from ori_deploy.cli.bus_common import ID, confirm, example, model_name, place, place_options, tell_json
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, warn
+from ori_deploy.cli.bus_common import ID, confirm, model_name, place, place_options, tell_json
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, example, warn
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError

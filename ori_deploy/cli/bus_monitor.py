@@ -15,8 +15,8 @@ from rich.text import Text
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.bench.meaning import error_words
 from ori_deploy.bench.servos import Snapshot, find, find_all, known_model, snapshots
-from ori_deploy.cli.bus_common import DIGITS, ID, Place, columns, example, model_name, place, place_options
-from ori_deploy.cli.frame import console
+from ori_deploy.cli.bus_common import DIGITS, ID, Place, columns, model_name, place, place_options
+from ori_deploy.cli.frame import console, example
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.wire.dynamixel.models import RPM

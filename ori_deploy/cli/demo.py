@@ -1,13 +1,17 @@
-"""The demo: the whole chain on real input, with everything it makes left in one folder."""
+"""`ori-deploy demo`: the whole chain on real input, with everything it makes left in one folder."""
 
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, print_table, warn
+import click
+
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, example, print_table, warn
+from ori_deploy.cli.report import write_report
 from ori_deploy.cli.session import Options, carry_out
-from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan, write_report
+from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan
 from ori_deploy.design import Structure
 from ori_deploy.files import write_atomically
 from ori_deploy.files.shipped import shipped
@@ -15,6 +19,21 @@ from ori_deploy.motion import Mechanism, SpanFolding
 from ori_deploy.telemetry.read import read_run
 from ori_deploy.telemetry.summary import summarise
 from ori_deploy.view import draw_plan, draw_section, draw_spanwise, draw_strip, draw_tracking, to_png, to_svg
+
+
+@click.command(epilog=example("ori-deploy demo -o out/demo"))
+@click.argument("spec", type=IN, required=False)
+@click.option("--rig", type=IN, help="Rig file.  [default: the mock rig that is shipped]")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path("out/demo"), show_default=True
+)
+@click.option("--realtime", is_flag=True, help="Pace to the wall instead of the virtual clock.")
+def demo(spec: Path | None, rig: Path | None, output: Path, realtime: bool) -> None:
+    """Design, plan, deploy and stow a wing on simulated servos, and report.
+
+    SPEC is a specification; the example wing when left out.
+    """
+    sys.exit(run_demo(spec, rig, output, realtime=realtime))
 
 
 def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: bool) -> int:

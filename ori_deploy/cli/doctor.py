@@ -33,9 +33,9 @@ from ori_deploy.bench.diagnosis import (
     judge_wiring,
 )
 from ori_deploy.bench.servos import USUAL_BAUDS, Census, census
-from ori_deploy.cli.bus_common import IN, Place, columns, example, model_name, place, place_options, tell_json
+from ori_deploy.cli.bus_common import Place, columns, model_name, place, place_options, tell_json
 from ori_deploy.cli.doctor_mcu import board_findings
-from ori_deploy.cli.frame import EXIT_NOT_DONE
+from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, example
 from ori_deploy.errors import RigError
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan

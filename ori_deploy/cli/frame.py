@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -14,10 +15,19 @@ from rich.table import Table
 
 from ori_deploy.errors import InputError, OriDeployError
 
-EXIT_BAD_INPUT = 2
-EXIT_NOT_DONE = 1
-EXIT_INTERRUPTED = 130
+EXIT_NOT_DONE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
+EXIT_STATUSES = {
+    0: "done",
+    EXIT_NOT_DONE: "carried out, and not with the end that was meant: a fault, a problem, a difference",
+    EXIT_BAD_INPUT: "words or files that cannot be used; nothing was begun",
+    EXIT_INTERRUPTED: "interrupted by a signal or `ori-deploy stop`, and brought to rest",
+}
+"""What every command ends with, in words; `ori-deploy --help` prints them."""
+
+IN = click.Path(path_type=Path, dir_okay=False)
+OUT = click.Path(path_type=Path, dir_okay=False, writable=True)
+"""Files that commands read and write."""
 
 _NO_WORDS: tuple[type[Exception], ...] = tuple(
     kind for kind in [getattr(click.exceptions, "NoArgsIsHelpError", None)] if kind is not None
@@ -36,10 +46,7 @@ console = _Screen(highlight=False)
 
 
 class Commands(click.Group):
-    """A group whose commands end in one clear line and an exit status, never in a traceback.
-
-    0: done. 1: carried out, but the structure is not where it was meant to be. 2: bad input.
-    """
+    """A group whose commands end in one clear line and one of `EXIT_STATUSES`, never in a traceback."""
 
     def main(
         self,
@@ -100,6 +107,16 @@ def print_table(title: str, rows: Iterable[tuple[str, str]]) -> None:
     for name, value in rows:
         table.add_row(escape(name), escape(value))
     console.print(table)
+
+
+def example(line: str) -> str:
+    """Epilogue of a help page."""
+    return f"\b\nExample:\n  {line}"
+
+
+def beside(path: Path, ending: str, new: str) -> Path:
+    """The default output: same stem, in the working folder."""
+    return Path(path.name.removesuffix(ending) + new)
 
 
 def warn(text: str) -> None:

@@ -14,8 +14,8 @@ from ori_deploy.actuators.mcu.configure import read_config, write_config
 from ori_deploy.actuators.mcu.faults import state_name
 from ori_deploy.actuators.mcu.records import Record, config_hash, records
 from ori_deploy.bench.board import clear_fault, fault_words, firmware_version, reset_cause
-from ori_deploy.cli.bus_common import IN, example, tell_json
-from ori_deploy.cli.frame import EXIT_NOT_DONE
+from ori_deploy.cli.bus_common import tell_json
+from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, example
 from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
 from ori_deploy.cli.mcu_monitor import Shown, watch
 from ori_deploy.cli.mcu_motion import jog, torque_off

@@ -15,7 +15,8 @@ from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.actuators.resolve import resolve_rig
 from ori_deploy.actuators.rig import STOW_POINT, Rig, load_rig
 from ori_deploy.bench.board import BOOT_WAIT_S, Board, board
-from ori_deploy.cli.bus_common import IN, adapters
+from ori_deploy.cli.bus_common import adapters
+from ori_deploy.cli.frame import IN
 from ori_deploy.cli.session import rig_for
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError, RigError

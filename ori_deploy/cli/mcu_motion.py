@@ -12,8 +12,8 @@ from ori_deploy.actuators.mcu.records import config_hash, records
 from ori_deploy.actuators.mcu.startup import check_config, check_firmware
 from ori_deploy.bench.board import release
 from ori_deploy.bench.board_jog import Jog, Jogged, carry_out, plan_jog
-from ori_deploy.cli.bus_common import DIGITS, IN, confirm, example, tell_json
-from ori_deploy.cli.frame import EXIT_INTERRUPTED
+from ori_deploy.cli.bus_common import DIGITS, confirm, tell_json
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example
 from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import MonotonicClock

@@ -15,7 +15,7 @@ import click
 from rich.live import Live
 from rich.text import Text
 
-from ori_deploy.cli.frame import EXIT_NOT_DONE, Commands, console
+from ori_deploy.cli.frame import EXIT_NOT_DONE, console, example
 from ori_deploy.deploy.states import State
 from ori_deploy.operate.client import Found, NotAnswering, ask, find
 from ori_deploy.operate.messages import Answer, Do, Request, Status
@@ -33,10 +33,6 @@ _REST = {
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
-def _example(line: str) -> str:
-    return f"\b\nExample:\n  {line}"
-
-
 def _which_options(command: _F) -> _F:
     for option in reversed(
         (
@@ -49,7 +45,7 @@ def _which_options(command: _F) -> _F:
     return command
 
 
-@click.command(epilog=_example("ori-deploy status --watch"))
+@click.command(epilog=example("ori-deploy status --watch"))
 @_which_options
 @click.option("--watch", is_flag=True, help="Again and again, until Ctrl-C or until the controller ends.")
 def status(pid: int | None, port: str | None, as_json: bool, watch: bool) -> None:
@@ -71,7 +67,7 @@ def status(pid: int | None, port: str | None, as_json: bool, watch: bool) -> Non
 
 
 def _command(do: Do, text: str) -> click.Command:
-    @click.command(str(do), help=text, epilog=_example(f"ori-deploy {do} --wait"))
+    @click.command(str(do), help=text, epilog=example(f"ori-deploy {do} --wait"))
     @_which_options
     @click.option("--wait", is_flag=True, help="Until the structure is at rest; status 1 if not as was meant.")
     def command(pid: int | None, port: str | None, as_json: bool, wait: bool) -> None:
@@ -105,13 +101,6 @@ estop = _command(
     "Bring a running motion to rest along its path as fast as can be, as a fault; hinges go on holding. Its session "
     "ends with status 1.",
 )
-
-operator = Commands(
-    "ori-deploy",
-    {str(one.name): one for one in (status, pause, resume, stop, estop)},
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-"""These commands alone: what the program is when it is called for one of them."""
 
 
 def _status_of(where: Found) -> Status:

@@ -16,7 +16,7 @@ import ori_deploy
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import PLAN_NAME, RIG_NAME
-from ori_deploy.cli.frame import EXIT_NOT_DONE, warn
+from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, warn
 from ori_deploy.errors import FileError
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
@@ -24,13 +24,11 @@ from ori_deploy.telemetry.read import Recording, read_recording
 from ori_deploy.telemetry.replay import Replay
 from ori_deploy.telemetry.replay import replay as decide_again
 
-_IN = click.Path(path_type=Path, dir_okay=False)
-
 
 @click.command(epilog="\b\nExample:\n  ori-deploy replay run.mcap --rig stricter.toml")
-@click.argument("log", type=_IN)
-@click.option("--plan", "plan_file", type=_IN, help="Plan file, instead of the one in the log.")
-@click.option("--rig", "rig_file", type=_IN, help="Rig file, instead of the one in the log.")
+@click.argument("log", type=IN)
+@click.option("--plan", "plan_file", type=IN, help="Plan file, instead of the one in the log.")
+@click.option("--rig", "rig_file", type=IN, help="Rig file, instead of the one in the log.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document.")
 def replay(log: Path, plan_file: Path | None, rig_file: Path | None, as_json: bool) -> None:
     """Run the measurements in LOG through the controller again, and see whether it decides the same.

@@ -14,13 +14,12 @@ from rich.table import Table
 
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
-from ori_deploy.cli.frame import console, warn
+from ori_deploy.cli.frame import IN, console, warn
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import Design, load_design, load_loads, load_plan
 from ori_deploy.loads import HingeTorques, Loads, Solids, hinge_torques
 from ori_deploy.motion import Plan, mechanism_of
 
-_IN = click.Path(path_type=Path, dir_okay=False)
 _POSES = 401
 
 
@@ -128,10 +127,10 @@ def given_loads(
 
 
 @click.command(epilog="\b\nExample:\n  ori-deploy size wing.design.json --rig examples/rig_mock.toml --clamp c1.cb")
-@click.argument("design_file", metavar="DESIGN", type=_IN)
-@click.option("--rig", "rig_file", type=_IN, required=True, help="Rig file: driven creases, gears, actuators.")
-@click.option("--plan", "plan_file", type=_IN, help="Plan file: look at its poses, and tell times.")
-@click.option("--loads", "loads_file", type=_IN, help="Loads file: masses, film, friction, air, clamp.")
+@click.argument("design_file", metavar="DESIGN", type=IN)
+@click.option("--rig", "rig_file", type=IN, required=True, help="Rig file: driven creases, gears, actuators.")
+@click.option("--plan", "plan_file", type=IN, help="Plan file: look at its poses, and tell times.")
+@click.option("--loads", "loads_file", type=IN, help="Loads file: masses, film, friction, air, clamp.")
 @click.option("--film-um", type=float, help="Thickness of the film hinges.  [default: 50]")
 @click.option("--density", type=float, help="Of the panels, kg/m3, infill counted.  [default: 300]")
 @click.option("--clamp", help="Panel (c1.cb) or cell by which it is held.  [default: the first panel]")

@@ -19,16 +19,12 @@ from ori_deploy.files import (
     Design,
     Spec,
     build_from_file,
-    digest,
     load_design,
-    load_plan,
     save_design,
     save_plan,
     save_spec,
-    write_atomically,
 )
 from ori_deploy.motion import Mechanism, Plan, SpanFolding, mechanism_of, plan_motion, plan_span, span_limits
-from ori_deploy.telemetry.read import read_run
 
 _SPARE_DEG = 1.0
 """Dead-centre margin below which a person is told (geometry: some degrees to spare)."""
@@ -153,31 +149,3 @@ def make_plan(design_file: Path, rig_file: Path, output: Path) -> Plan:
         raise
     save_plan(made, output)
     return made
-
-
-def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Path | None) -> None:
-    """One self-contained page from what is at hand."""
-    from ori_deploy.view import render_report
-
-    built = load_design(design_file) if design_file is not None else None
-    made = load_plan(plan_file) if plan_file is not None else None
-    refuse_overwriting(path, *(p for p in (log, design_file, plan_file) if p is not None))
-    run = read_run(log)
-    for what, theirs, ours in (
-        ("design", run.info["design_sha256"], built.sha256 if built is not None else None),
-        ("plan", run.info["plan_sha256"], digest(plan_file) if plan_file is not None else None),
-    ):
-        if ours is not None and theirs and theirs != ours:
-            warn(f"{log} is not a run of this {what}: the page mixes two")
-    page = render_report(
-        built.name if built is not None else str(run.info["design_name"]),
-        structure=built.structure if built is not None else None,
-        span_m=built.span_m if built is not None else None,
-        r_min_m=built.r_min_m if built is not None else 0.0,
-        span_segments=built.span_segments if built is not None else 1,
-        plan=made,
-        run=run,
-        design_sha256=built.sha256 if built is not None else "",
-        plan_sha256=digest(plan_file) if plan_file is not None else "",
-    )
-    write_atomically(path, page)

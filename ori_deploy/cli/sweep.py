@@ -11,7 +11,7 @@ from typing import Any
 import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, console, print_table, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, console, print_table, warn
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.cli.steps import SPEC_ENDING, refuse_overwriting
 from ori_deploy.errors import InputError
@@ -21,20 +21,18 @@ from ori_deploy.files.text import read_toml
 from ori_deploy.sweep import Backend, Cluster, Grid, Job, Processes, Store, Sweep, jobs_of, parse_grid
 from ori_deploy.sweep.job import FAILED, FOUND, INFEASIBLE, Row
 
-_IN = click.Path(path_type=Path, dir_okay=False)
-
 
 @click.command(
     epilog="\b\nExample:\n  ori-deploy sweep examples/sweep_ellipse.toml -o ellipse.parquet",
 )
-@click.argument("spec", type=_IN)
+@click.argument("spec", type=IN)
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path, dir_okay=False, writable=True),
     help="Parquet file; one that is there is gone on with.  [default: NAME.parquet]",
 )
-@click.option("--grid", "grid_file", type=_IN, help="Grid file, in place of SPEC's [sweep] table.")
+@click.option("--grid", "grid_file", type=IN, help="Grid file, in place of SPEC's [sweep] table.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes.  [default: one per processor]")
 @click.option("--dask", "address", metavar="ADDRESS", help="Run on a Dask cluster: tcp://host:port of its scheduler.")
 @click.option(

@@ -18,7 +18,7 @@ from ori_deploy.deploy.states import Event, IllegalCommand, State, allowed_comma
 from ori_deploy.errors import OriDeployError
 from ori_deploy.motion.plan import Plan
 from ori_deploy.operate.due import DueGoals
-from ori_deploy.operate.messages import Answer, Do, LatchStatus, Request, Status
+from ori_deploy.operate.messages import Answer, Code, Do, LatchStatus, Request, Status
 
 _EVENTS = {
     Event.HOLD: Do.PAUSE,
@@ -26,7 +26,10 @@ _EVENTS = {
     Event.STOP: Do.STOP,
     Event.EMERGENCY_STOP: Do.ESTOP,
 }
-"""The controller's names of what an operator may do."""
+"""The controller's names of what an operator may do in every session."""
+
+_ORDERS = {Event.DEPLOY: Do.DEPLOY, Event.STOW: Do.STOW, Event.CLEAR_FAULT: Do.CLEAR_FAULT}
+"""And in one that takes orders."""
 
 
 class Operable(Protocol):
@@ -57,6 +60,41 @@ class Operable(Protocol):
         """Come to rest along the path at once, and latch that as a fault."""
 
 
+class Orders(Protocol):
+    """What the desk needs of a session that takes orders, instead of being started for one command."""
+
+    def deploy(self) -> None:
+        """Begin to deploy."""
+
+    def stow(self) -> None:
+        """Begin to stow."""
+
+    def clear_fault(self) -> None:
+        """Forget the latched fault."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why an interlock does not let something be done."""
+
+    code: Code
+    text: str
+
+
+class Interlock(Protocol):
+    """What has to be so around the structure before it may move."""
+
+    def refuses(self, do: Do, force: bool, now: float) -> Refusal | None:
+        """Why DEPLOY or STOW may not be begun, or gone on with, now; None where it may."""
+
+
+class NoInterlock:
+    """Nothing around the structure matters: a bench."""
+
+    def refuses(self, do: Do, force: bool, now: float) -> Refusal | None:
+        return None
+
+
 @dataclass(frozen=True, slots=True)
 class Session:
     """What is being carried out, from which files: absolute paths; no log is None."""
@@ -79,6 +117,10 @@ class Desk:
         What the controller was made with.
     now
         Seconds on the controller's clock.
+    orders
+        Takes orders to deploy and to stow; None where the session was started for one command.
+    interlock
+        Is asked before every motion that somebody orders or resumes.
 
     Attributes
     ----------
@@ -87,9 +129,19 @@ class Desk:
     """
 
     def __init__(
-        self, controller: Operable, session: Session, plan: Plan, rig: ResolvedRig, bus: ActuatorBus, now: float
+        self,
+        controller: Operable,
+        session: Session,
+        plan: Plan,
+        rig: ResolvedRig,
+        bus: ActuatorBus,
+        now: float,
+        orders: Orders | None = None,
+        interlock: Interlock | None = None,
     ) -> None:
         self._controller, self._session = controller, session
+        self._orders = orders
+        self._interlock: Interlock = interlock or NoInterlock()
         self._duration_s = float(plan.time_s[-1])
         self._stows = frozenset(plan.stow_stages)
         self._due = DueGoals(rig, bus)
@@ -125,20 +177,31 @@ class Desk:
         """
         if request.do is Do.STATUS:
             return self.told(self._status())
+        refusal = self._interlocked(request)
+        if refusal is not None:
+            return self._refused(refusal.code, refusal.text)
         try:
-            self._carry_out(request.do, who)
+            return self._carry_out(request.do, who)
         except IllegalCommand as refused:
             reason = str(refused).removeprefix(f"{refused.command}: ").partition("; allowed in ")[0]
-            return self._refused(reason)
+            return self._refused(Code.NOT_NOW if self._controller.fault is None else Code.FAULT, reason)
         except OriDeployError as failed:
-            return self._refused(str(failed))
-        return self.told()
+            return self._refused(Code.REFUSED, str(failed))
+
+    def _interlocked(self, request: Request) -> Refusal | None:
+        """What an interlock has against a motion; going on with one that was held is one."""
+        do = request.do
+        if do is Do.RESUME and self._command is not None:
+            do = Do.STOW if self._command == "stow" else Do.DEPLOY
+        if do not in (Do.DEPLOY, Do.STOW):
+            return None
+        return self._interlock.refuses(do, request.force, self._now)
 
     def told(self, status: Status | None = None) -> Answer:
         """That it was taken, and how things are now."""
         return Answer(True, self._controller.state, self.at_rest, fault=self._fault(), status=status)
 
-    def _carry_out(self, do: Do, who: str) -> None:
+    def _carry_out(self, do: Do, who: str) -> Answer:
         if do is Do.PAUSE:
             self._controller.hold()
         elif do is Do.RESUME:
@@ -148,11 +211,21 @@ class Desk:
             self.stopped_by = who
         elif do is Do.ESTOP:
             self._controller.emergency_stop(who)
+        elif self._orders is None:
+            return self._refused(Code.ONE_COMMAND, "this session was started for one command")
+        elif do is Do.DEPLOY:
+            self._orders.deploy()
+        elif do is Do.STOW:
+            self._orders.stow()
+        elif do is Do.CLEAR_FAULT:
+            self._orders.clear_fault()
+        return self.told()
 
-    def _refused(self, why: str) -> Answer:
+    def _refused(self, code: Code, why: str) -> Answer:
         state = self._controller.state
-        allowed = tuple(_EVENTS[event] for event in allowed_commands(state) if event in _EVENTS)
-        return Answer(False, state, self.at_rest, why, (Do.STATUS, *allowed), self._fault())
+        known = _EVENTS if self._orders is None else _EVENTS | _ORDERS
+        allowed = tuple(known[event] for event in allowed_commands(state) if event in known)
+        return Answer(False, state, self.at_rest, why, (Do.STATUS, *allowed), self._fault(), code=code)
 
     def _fault(self) -> str | None:
         return None if self._controller.fault is None else str(self._controller.fault)

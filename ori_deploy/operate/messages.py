@@ -27,6 +27,27 @@ class Do(StrEnum):
     RESUME = auto()
     STOP = auto()
     ESTOP = auto()
+    DEPLOY = auto()
+    STOW = auto()
+    CLEAR_FAULT = auto()
+
+
+class Code(StrEnum):
+    """Why something was not done, for programs.
+
+    NOT_NOW: not in this state. REFUSED: the controller does not know its place, or is not fit to move. FAULT: a
+    fault is latched. ONE_COMMAND: the session was started for one command. The rest are an interlock's.
+    """
+
+    NOT_NOW = auto()
+    REFUSED = auto()
+    FAULT = auto()
+    ONE_COMMAND = auto()
+    AIRBORNE = auto()
+    LANDED_UNKNOWN = auto()
+    ARMED = auto()
+    ARMING_UNKNOWN = auto()
+    FORCE_NOT_ALLOWED = auto()
 
 
 _STRICT = ConfigDict(extra="forbid")
@@ -42,10 +63,13 @@ class Request:
         What.
     wait
         Whether a second answer is wanted, once the structure is at rest.
+    force
+        Whether an interlock is to be overridden, where that is allowed at all.
     """
 
     do: Do
     wait: bool = False
+    force: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +152,8 @@ class Answer:
         The latched fault with its remedy, or None.
     status
         Where that was asked.
+    code
+        Why it was not taken, for programs; None where it was, or where the line was no request.
     """
 
     took: bool
@@ -137,6 +163,7 @@ class Answer:
     allowed: tuple[Do, ...] = ()
     fault: str | None = None
     status: Status | None = None
+    code: Code | None = None
 
 
 _REQUESTS = TypeAdapter(Request)

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from ori_deploy.cli import main
+from ori_deploy.cli.commands import ENTRIES
 
 
 @pytest.mark.parametrize(
@@ -45,6 +46,23 @@ def test_help_is_no_error(words: list[str]) -> None:
     assert done.stderr == ""
 
 
+def test_the_list_of_commands_loads_none_of_them() -> None:
+    code = (
+        "import sys; from click.testing import CliRunner; from ori_deploy.cli import main;"
+        "assert 'deploy' in CliRunner().invoke(main, ['--help']).output; print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    loaded = set(done.stdout.split())
+    assert not loaded & {"numpy", "pydantic", "matplotlib", "ori_deploy.motion", "ori_deploy.deploy.states"}
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_every_command_is_where_the_list_says_and_called_so(name: str) -> None:
+    done = CliRunner().invoke(main, [name, "--help"], prog_name="ori-deploy")
+    assert done.output.startswith(f"Usage: ori-deploy {name} "), done.output
+    assert len(ENTRIES[name].line) < 64
+
+
 def test_no_words_at_all_show_the_help() -> None:
     assert "Commands:" in CliRunner().invoke(main, []).output
 
@@ -53,7 +71,7 @@ def test_an_interrupt_while_loading_is_one_line(tmp_path: Path) -> None:
     """Python's import of numpy is held up on purpose; there the interrupt comes."""
     (tmp_path / "numpy.py").write_text("print('loading', flush=True)\nimport time\ntime.sleep(60)\n")
     process = subprocess.Popen(
-        [sys.executable, "-m", "ori_deploy.cli", "--version"],
+        [sys.executable, "-m", "ori_deploy.cli", "limit", "--help"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
