@@ -84,14 +84,14 @@ class Refusal:
 class Interlock(Protocol):
     """What has to be so around the structure before it may move."""
 
-    def refuses(self, do: Do, force: bool, now: float) -> Refusal | None:
+    def refuses(self, do: Do, force: bool) -> Refusal | None:
         """Why DEPLOY or STOW may not be begun, or gone on with, now; None where it may."""
 
 
 class NoInterlock:
     """Nothing around the structure matters: a bench."""
 
-    def refuses(self, do: Do, force: bool, now: float) -> Refusal | None:
+    def refuses(self, do: Do, force: bool) -> Refusal | None:
         return None
 
 
@@ -126,6 +126,10 @@ class Desk:
     ----------
     stopped_by
         Who took the command back with `stop`, or None.
+    command
+        "deploy" or "stow", whichever was carried out last; None before the first.
+    forced
+        Whether the last order went past the interlock.
     """
 
     def __init__(
@@ -147,7 +151,8 @@ class Desk:
         self._due = DueGoals(rig, bus)
         self._began, self._now = now, now
         self._last: CycleRecord | None = None
-        self._command: str | None = None
+        self.command: str | None = None
+        self.forced = False
         self._latches: tuple[LatchStatus, ...] = ()
         self.stopped_by: str | None = None
 
@@ -156,7 +161,7 @@ class Desk:
         self._last, self._now = record, record.time_s
         self._due.note(record)
         if record.stage is not None:
-            self._command = "stow" if record.stage in self._stows else "deploy"
+            self.command = "stow" if record.stage in self._stows else "deploy"
         if record.latches is not None:
             self._latches = tuple(LatchStatus(one.id, one.engaged, one.confirmed) for one in record.latches)
 
@@ -176,26 +181,31 @@ class Desk:
             Whom an emergency stop names in the fault.
         """
         if request.do is Do.STATUS:
-            return self.told(self._status())
+            return self.told(self.status())
         refusal = self._interlocked(request)
         if refusal is not None:
             return self._refused(refusal.code, refusal.text)
         try:
-            return self._carry_out(request.do, who)
+            answer = self._carry_out(request.do, who)
         except IllegalCommand as refused:
             reason = str(refused).removeprefix(f"{refused.command}: ").partition("; allowed in ")[0]
             return self._refused(Code.NOT_NOW if self._controller.fault is None else Code.FAULT, reason)
         except OriDeployError as failed:
             return self._refused(Code.REFUSED, str(failed))
+        if answer.took and request.do in (Do.DEPLOY, Do.STOW):
+            self.command, self.forced = str(request.do), request.force
+        return answer
 
     def _interlocked(self, request: Request) -> Refusal | None:
         """What an interlock has against a motion; going on with one that was held is one."""
         do = request.do
-        if do is Do.RESUME and self._command is not None:
-            do = Do.STOW if self._command == "stow" else Do.DEPLOY
+        if do is Do.RESUME and self.command is not None:
+            do = Do.STOW if self.command == "stow" else Do.DEPLOY
+            if self.forced:
+                return None
         if do not in (Do.DEPLOY, Do.STOW):
             return None
-        return self._interlock.refuses(do, request.force, self._now)
+        return self._interlock.refuses(do, request.force)
 
     def told(self, status: Status | None = None) -> Answer:
         """That it was taken, and how things are now."""
@@ -217,7 +227,7 @@ class Desk:
             self._orders.deploy()
         elif do is Do.STOW:
             self._orders.stow()
-        elif do is Do.CLEAR_FAULT:
+        else:
             self._orders.clear_fault()
         return self.told()
 
@@ -230,7 +240,8 @@ class Desk:
     def _fault(self) -> str | None:
         return None if self._controller.fault is None else str(self._controller.fault)
 
-    def _status(self) -> Status:
+    def status(self) -> Status:
+        """How things are."""
         last, session = self._last, self._session
         fold = rate = progress = remaining = None
         if last is not None and math.isfinite(last.commanded_fold):
@@ -245,7 +256,7 @@ class Desk:
             uptime_s=round(self._now - self._began, 3),
             state=self._controller.state,
             stage=None if last is None else last.stage,
-            command=self._command,
+            command=self.command,
             at_rest=self.at_rest,
             fold=fold,
             rate=rate,
@@ -262,7 +273,7 @@ class Desk:
 
     def _progress(self, path_time_s: float) -> tuple[float | None, float | None]:
         """Percent of the path's time that is done, and seconds of it that are left."""
-        if self._command is None or not np.isfinite(path_time_s):
+        if self.command is None or not np.isfinite(path_time_s):
             return None, None
-        done = path_time_s if self._command == "deploy" else self._duration_s - path_time_s
+        done = path_time_s if self.command == "deploy" else self._duration_s - path_time_s
         return round(100.0 * done / self._duration_s, 2), round(max(self._duration_s - done, 0.0), 3)

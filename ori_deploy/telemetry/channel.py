@@ -133,6 +133,10 @@ class Sender:
                 return
             yield from self._reader.feed(data)
 
+    def fileno(self) -> int:
+        """For select: readable when the other end has said something."""
+        return self._end.fileno()
+
     def close(self) -> None:
         """Let go of the socket. Safe to call twice."""
         self._end.close()

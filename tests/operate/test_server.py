@@ -114,7 +114,7 @@ def still_works(s: Served) -> None:
         b"[" * 500 + b"\n",
         b'{"do": "format"}\n',
         b'{"do": "stop", "wait": "yes"}\n',
-        b'{"do": "stop", "force": true}\n',
+        b'{"do": "stop", "hard": true}\n',
         b'"stop"\n',
         b"1" * 400 + b"\n",
         b"null\n",
