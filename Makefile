@@ -15,7 +15,7 @@ figures: install
 
 install: $(STAMP)
 
-$(STAMP): pyproject.toml setup.py tools/generate_codecs.py ori_deploy/wire/ori_deploy.xml
+$(STAMP): pyproject.toml setup.py tools/generate_codecs.py ori_deploy/wire/ori_deploy.xml ori_deploy/wire/ori_vehicle.xml
 	@sh tools/make_venv.sh $(PYTHON) $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	@touch $@

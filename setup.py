@@ -1,4 +1,4 @@
-"""The part of the build that pyproject.toml cannot say: the microcontroller's codec is generated."""
+"""The part of the build that pyproject.toml cannot say: the MAVLink codecs are generated."""
 
 import sys
 from pathlib import Path
@@ -11,12 +11,12 @@ sys.path.insert(0, str(ROOT / "tools"))
 
 
 class GenerateAndBuild(build_py):
-    """Generates the codec in the source tree, then builds as ever."""
+    """Generates the codecs in the source tree, then builds as ever."""
 
     def run(self) -> None:
-        from generate_codecs import generate
+        from generate_codecs import generate_python
 
-        generate("Python3", ROOT / "ori_deploy" / "wire" / "generated" / "ori_deploy.py")
+        generate_python(ROOT / "ori_deploy" / "wire" / "generated")
         super().run()
 
 

@@ -1,6 +1,7 @@
-"""Generate the codecs of the microcontroller's wire from its dialect, with pymavlink's mavgen.
+"""Generate the codecs of both wires from their dialects, with pymavlink's mavgen.
 
-Usage: generate_codecs.py python FILE   or   generate_codecs.py c FOLDER
+Usage: generate_codecs.py python FOLDER   both dialects for Python
+       generate_codecs.py c FOLDER        the microcontroller's for C
 """
 
 from __future__ import annotations
@@ -14,19 +15,22 @@ import pymavlink
 from pymavlink.generator import mavgen
 
 ROOT = Path(__file__).resolve().parent.parent
-DIALECT = ROOT / "ori_deploy" / "wire" / "ori_deploy.xml"
+MICROCONTROLLER = ROOT / "ori_deploy" / "wire" / "ori_deploy.xml"
+VEHICLE = ROOT / "ori_deploy" / "wire" / "ori_vehicle.xml"
+INCLUDED = ("minimal.xml", "standard.xml", "common.xml")
 
 
-def generate(language: str, target: Path) -> None:
-    """Write the codec of `language` (as mavgen names it) to `target`."""
+def generate(dialect: Path, language: str, target: Path) -> None:
+    """Write the codec of `dialect` in `language` (as mavgen names it) to `target`."""
     with tempfile.TemporaryDirectory() as folder:
         # mavgen looks for included dialects beside the one that includes them.
-        source = Path(shutil.copy(DIALECT, folder))
-        shutil.copy(Path(pymavlink.__file__).parent / "dialects" / "v20" / "minimal.xml", folder)
+        source = Path(shutil.copy(dialect, folder))
+        for name in INCLUDED:
+            shutil.copy(Path(pymavlink.__file__).parent / "dialects" / "v20" / name, folder)
         made = Path(folder) / "made.py" if language == "Python3" else Path(folder) / "made"
         options = mavgen.Opts(str(made), wire_protocol="2.0", language=language, validate=True)
         if not mavgen.mavgen(options, [str(source)]):
-            raise SystemExit(f"error: mavgen could not read {DIALECT}")
+            raise SystemExit(f"error: mavgen could not read {dialect}")
         target.parent.mkdir(parents=True, exist_ok=True)
         if made.is_dir():
             shutil.copytree(made, target, dirs_exist_ok=True)
@@ -34,8 +38,16 @@ def generate(language: str, target: Path) -> None:
             shutil.copy(made, target)
 
 
+def generate_python(folder: Path) -> None:
+    """Write the Python codecs of both dialects into `folder`, each named after its dialect."""
+    for dialect in (MICROCONTROLLER, VEHICLE):
+        generate(dialect, "Python3", folder / f"{dialect.stem}.py")
+
+
 if __name__ == "__main__":
-    languages = {"python": "Python3", "c": "C"}
-    if len(sys.argv) != 3 or sys.argv[1] not in languages:
+    if len(sys.argv) != 3 or sys.argv[1] not in ("python", "c"):
         raise SystemExit(__doc__)
-    generate(languages[sys.argv[1]], Path(sys.argv[2]))
+    if sys.argv[1] == "python":
+        generate_python(Path(sys.argv[2]))
+    else:
+        generate(MICROCONTROLLER, "C", Path(sys.argv[2]))
