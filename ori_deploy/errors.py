@@ -7,7 +7,15 @@ from __future__ import annotations
 
 
 class OriDeployError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base of every error this package raises on purpose.
+
+    Attributes
+    ----------
+    refused
+        Whether what was asked is known not to have been begun: nothing moved because of it.
+    """
+
+    refused = False
 
 
 class InputError(OriDeployError):

@@ -40,6 +40,8 @@ class BusClosed(BusError):
 class CommandRefused(BusError):
     """The command was not sent, or was refused by the device; nothing has moved because of it."""
 
+    refused = True
+
 
 class ActuatorFault(BusError):
     """An actuator reports a fault of its own.

@@ -14,7 +14,6 @@ from ori_deploy.bench.servos import (
     Census,
     census,
     errors_of,
-    find,
     known_model,
     registers,
     reset_error,
@@ -99,7 +98,7 @@ def ping(servo_id: int, port: str | None, baud: int | None, rig_file: Path | Non
     """Ask one servo who it is."""
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pong = find(line, servo_id, where.bauds)
+        pong = where.one(line, servo_id)
         rate = line.port.getBaudRate()
     if as_json:
         tell_json(pong_json(pong, rate))
@@ -118,7 +117,7 @@ def info(
     """Print the registers of one servo, and what they mean."""
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pong = find(line, servo_id, where.bauds)
+        pong = where.one(line, servo_id)
         rate = line.port.getBaudRate()
         found = registers(line, pong, everything=everything)
     if as_json:
@@ -154,7 +153,7 @@ def set_id_command(
     """Give servo OLD the id NEW. Torque has to be off, and nobody may have NEW."""
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pong = set_id(line, find(line, old, where.bauds), new)
+        pong = set_id(line, where.one(line, old), new)
         rate = line.port.getBaudRate()
     if as_json:
         tell_json({"old_id": old} | pong_json(pong, rate))

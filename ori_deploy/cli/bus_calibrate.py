@@ -11,6 +11,7 @@ from typing import Literal
 import click
 import numpy as np
 
+from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import find_servos, read
 from ori_deploy.actuators.resolve import ResolvedRig
@@ -143,7 +144,11 @@ def _measure(
                 zero = held_zero(line, pong, hinge, clock)
             else:
                 confirm(f"{name}: walks to its stop. Is its way free?", yes=yes)
-                zero = _by_stop(line, pong, hinge, limits)
+                try:
+                    zero = _by_stop(line, pong, hinge, limits)
+                except CommandRefused as wrong:
+                    wrong.refused = not found  # those before it have been walked to their stops
+                    raise
             found.append(zero)
             click.echo(f"{name}: zero_rad {hinge.old_zero_rad:.6f}, found {zero.zero_rad:.6f}", err=True)
     return found

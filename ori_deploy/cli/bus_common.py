@@ -19,7 +19,7 @@ from ori_deploy.actuators.dynamixel.line import MAX_ID, Pong, ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.rig import Rig, load_rig
 from ori_deploy.bench.servos import USUAL_BAUDS, find, find_all
-from ori_deploy.cli.frame import IN
+from ori_deploy.cli.frame import IN, nothing_moved
 from ori_deploy.errors import InputError, RigError
 from ori_deploy.wire.dynamixel import BAUD_CODES
 
@@ -61,7 +61,8 @@ class Place:
         """
         slack = BENCH_SLACK_S + (latency_timer_s(self.port) or 0.0)
         port = BlockingPort(self.port, self.bauds[0], slack)
-        port.open()
+        with nothing_moved():
+            port.open()
         try:
             yield ServoLine(port)
         finally:
@@ -69,7 +70,12 @@ class Place:
 
     def some(self, line: ServoLine, which: int | None) -> tuple[Pong, ...]:
         """The servo of an id, or all of them for None; the port is left at their rate. Raises as `find`."""
-        return find_all(line, self.bauds) if which is None else (find(line, which, self.bauds),)
+        with nothing_moved():
+            return find_all(line, self.bauds) if which is None else (find(line, which, self.bauds),)
+
+    def one(self, line: ServoLine, servo_id: int) -> Pong:
+        """The servo of an id, as `some`."""
+        return self.some(line, servo_id)[0]
 
 
 def adapters() -> tuple[str, ...]:

@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 
 from ori_deploy.bench.jog import LONG_WAY_RAD, Jogged, carry_out, plan_move
-from ori_deploy.bench.servos import find
 from ori_deploy.cli.bus_common import ID, confirm, model_name, place, place_options, tell_json
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, example, warn
 from ori_deploy.cli.session import StopRequest
@@ -44,7 +43,7 @@ def jog(
     _check(by_deg, to_deg, speed_deg_s)
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pong = find(line, servo_id, where.bauds)
+        pong = where.one(line, servo_id)
         move = plan_move(
             line,
             pong,

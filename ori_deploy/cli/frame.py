@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,13 @@ from rich.table import Table
 
 from ori_deploy.errors import InputError, OriDeployError
 
-EXIT_NOT_DONE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+EXIT_NOT_DONE, EXIT_BAD_INPUT, EXIT_REFUSED, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 EXIT_STATUSES = {
     0: "done",
     EXIT_NOT_DONE: "carried out, and not with the end that was meant: a fault, a problem, a difference",
     EXIT_BAD_INPUT: "words or files that cannot be used; nothing was begun",
+    EXIT_REFUSED: "refused, and nothing moved: by the device, the port, the structure, the controller",
     EXIT_INTERRUPTED: "interrupted by a signal or `ori-deploy stop`, and brought to rest",
 }
 """What every command ends with, in words; `ori-deploy --help` prints them."""
@@ -77,15 +79,23 @@ class Commands(click.Group):
         logging.basicConfig(level=logging.CRITICAL)
         try:
             return super().invoke(ctx)
-        except InputError as wrong:
+        except OriDeployError as wrong:
             click.echo(f"error: {wrong}", err=True)
-            sys.exit(EXIT_BAD_INPUT)
-        except OriDeployError as failed:
-            click.echo(f"error: {failed}", err=True)
-            sys.exit(EXIT_NOT_DONE)
+            bad = EXIT_BAD_INPUT if isinstance(wrong, InputError) else EXIT_NOT_DONE
+            sys.exit(EXIT_REFUSED if wrong.refused else bad)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
             sys.exit(EXIT_INTERRUPTED)
+
+
+@contextmanager
+def nothing_moved() -> Iterator[None]:
+    """Until the end of the block nothing is set in motion: what a bus refuses there was not begun."""
+    try:
+        yield
+    except OriDeployError as wrong:
+        wrong.refused = wrong.refused or not isinstance(wrong, InputError)
+        raise
 
 
 def _show(wrong: click.ClickException) -> None:

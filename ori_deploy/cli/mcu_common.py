@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ from ori_deploy.actuators.resolve import resolve_rig
 from ori_deploy.actuators.rig import STOW_POINT, Rig, load_rig
 from ori_deploy.bench.board import BOOT_WAIT_S, Board, board
 from ori_deploy.cli.bus_common import adapters
-from ori_deploy.cli.frame import IN
+from ori_deploy.cli.frame import IN, nothing_moved
 from ori_deploy.cli.session import rig_for
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError, RigError
@@ -54,7 +54,9 @@ class Place:
     def opened(self) -> Iterator[Board]:
         """The board, for this process alone. Raises as `ori_deploy.bench.board.board`."""
         names = (self.hinges, self.latches)
-        with board(self.port, BAUD, MonotonicClock(), self.boot_wait_s, names) as found:
+        with ExitStack() as open_ones:
+            with nothing_moved():
+                found = open_ones.enter_context(board(self.port, BAUD, MonotonicClock(), self.boot_wait_s, names))
             yield found
 
 

@@ -15,7 +15,7 @@ import click
 from rich.live import Live
 from rich.text import Text
 
-from ori_deploy.cli.frame import EXIT_NOT_DONE, console, example
+from ori_deploy.cli.frame import EXIT_NOT_DONE, EXIT_REFUSED, console, example
 from ori_deploy.deploy.states import State
 from ori_deploy.operate.client import Found, NotAnswering, ask, find
 from ori_deploy.operate.messages import Answer, Do, Request, Status
@@ -126,7 +126,7 @@ def _watch(where: Found, *, as_json: bool) -> None:
 def _refuse(do: Do, answer: Answer) -> None:
     allowed = ", ".join(answer.allowed)
     click.echo(f"error: {do} refused: {answer.why}; allowed in state {answer.state}: {allowed}", err=True)
-    sys.exit(EXIT_NOT_DONE)
+    sys.exit(EXIT_REFUSED)
 
 
 def _taken(where: Found, do: Do, answer: Answer) -> str:

@@ -12,6 +12,7 @@ import click
 import numpy as np
 
 from ori_deploy.deploy.controller import Controller
+from ori_deploy.deploy.result import StartRefused
 from ori_deploy.deploy.states import State
 from ori_deploy.errors import InputError, MotionError
 from ori_deploy.files import load_design
@@ -63,10 +64,10 @@ def _start(
         if stopping():
             raise KeyboardInterrupt
         if controller.state is not State.ARMED:
-            raise MotionError(f"a way was looked for, and then: {controller.fault}", remedy="see the fault")
+            raise StartRefused(f"a way was looked for, and then: {controller.fault}")
     found = looking.result()
     if isinstance(found, str):
-        raise MotionError(found)
+        raise StartRefused(found)
     stands = ", ".join(f"{name} {fold:.3f}" for name, fold in zip(plan.cell_ids, folds, strict=True))
     click.echo(f"cells stand at fold {stands}; all go to {found.target:.3f}, {found.n_poses} poses checked")
     controller.recover(found)

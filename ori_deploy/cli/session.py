@@ -20,7 +20,7 @@ from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import controller_for, flight_recorder
-from ori_deploy.cli.frame import warn
+from ori_deploy.cli.frame import nothing_moved, warn
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
@@ -249,25 +249,22 @@ def carry_out(
         controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,
         punctual(real),
     ):
-        controller.connect()
-        tell_advice(bus)
-        if o.trust_measured:
-            controller.trust_measured()
-        controller.limit_speed(o.speed)
-        if not stop.requested:
-            vouch_for(bus, rig, plan, o.stands)
-            controller.arm()
+        with nothing_moved():
+            controller.connect()
+            tell_advice(bus)
+            if o.trust_measured:
+                controller.trust_measured()
+            controller.limit_speed(o.speed)
+            if not stop.requested:
+                vouch_for(bus, rig, plan, o.stands)
+                controller.arm()
         with operated(controller, plan, rig, bus, clock, session) if real else nullcontext() as operator:
             for command in commands:
                 if stop.requested:
                     break
                 live.begin(command)
-                if command == "deploy":
-                    controller.deploy(span_unfolded=o.span_unfolded)
-                elif command == "stow":
-                    controller.stow()
-                else:
-                    recover(controller, lambda: stop.requested)
+                with nothing_moved() if not results else nullcontext():
+                    _give(controller, command, o, lambda: recover(controller, lambda: stop.requested))
                 results.append(run_command(controller, stop, operator))
                 if recorder is not None:
                     recorder.write_result(results[-1])
@@ -277,6 +274,16 @@ def carry_out(
                 if command != commands[-1]:
                     _dwell(controller, rig, operator)
     return plan, tuple(results), _stopped_by(stop, operator)
+
+
+def _give(controller: Controller, command: Command, options: Options, recover: Callable[[], None]) -> None:
+    """Give a command; what is carried out of it, later cycles do."""
+    if command == "deploy":
+        controller.deploy(span_unfolded=options.span_unfolded)
+    elif command == "stow":
+        controller.stow()
+    else:
+        recover()
 
 
 def _no_way(controller: Controller, stopping: Callable[[], bool]) -> None:

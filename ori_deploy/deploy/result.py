@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 class StartRefused(InputError):
     """The controller does not know where the structure is, or it is off its path; nothing moved."""
 
+    refused = True
+
 
 class FaultKind(StrEnum):
     """Why a motion was stopped."""

@@ -184,6 +184,8 @@ class IllegalCommand(OriDeployError):
         The state, the command, and the commands that would have been allowed.
     """
 
+    refused = True
+
     def __init__(self, state: State, command: str, because: str | None = None) -> None:
         self.state = state
         self.command = command

@@ -23,6 +23,8 @@ MAX_ANSWER_BYTES = 1 << 20
 class NoController(InputError):
     """There is none to command, or more than one and nothing said which."""
 
+    refused = True
+
 
 class NotAnswering(OriDeployError):
     """A controller is there and does not answer, or ended before it did."""

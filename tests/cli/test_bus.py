@@ -68,7 +68,7 @@ def test_ping_finds_a_servo_at_whichever_rate_it_has(tmp_path: Path) -> None:
         told = document(command("bus", "ping", 3, "--port", bus.link, "--json"))
         missing = command("bus", "ping", 4, "--port", bus.link)
     assert (told["id"], told["baud"], told["model"]) == (3, 3_000_000, XM)
-    assert missing.exit_code == 1
+    assert missing.exit_code == 3
     is_one_line(missing, "servo 4 does not answer", "57600", "4000000", "remedy: ")
 
 
@@ -94,8 +94,8 @@ def test_a_rig_gives_port_and_rate_and_options_take_precedence(tmp_path: Path) -
         text = (EXAMPLES / "rig_wing_dynamixel.toml").read_text()
         rig.write_text(text.replace("/dev/ttyUSB0", str(bus.link)).replace("baud = 1000000", "baud = 2000000"))
         assert document(command("bus", "ping", 1, "--rig", rig, "--json"))["baud"] == 2_000_000
-        assert command("bus", "ping", 1, "--rig", rig, "--baud", 57_600).exit_code == 1
-    assert command("bus", "ping", 1, "--rig", rig, "--port", tmp_path / "none").exit_code == 1
+        assert command("bus", "ping", 1, "--rig", rig, "--baud", 57_600).exit_code == 3
+    assert command("bus", "ping", 1, "--rig", rig, "--port", tmp_path / "none").exit_code == 3
     wrong = command("bus", "ping", 1, "--rig", EXAMPLES / "rig_mock.toml")
     assert wrong.exit_code == 2
     is_one_line(wrong, "rig_mock.toml", "mock", "remedy: ")
@@ -125,7 +125,7 @@ def test_one_program_at_a_time_has_the_port(tmp_path: Path) -> None:
         with Running(*words, cwd=tmp_path) as other:
             assert json.loads(other.line())["servos"][0]["answered"]
             second = bus_command("ping", bus, 1)
-    assert second.exit_code == 1
+    assert second.exit_code == 3
     is_one_line(second, "another program has it", "remedy: ")
 
 
@@ -164,7 +164,7 @@ def test_every_command_has_an_example() -> None:
 def test_set_id_changes_it_and_refuses_what_would_make_two_of_one(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1), ServoSpec(id=2)) as bus:
         taken = bus_command("set-id", bus, 1, 2)
-        assert taken.exit_code == 1
+        assert taken.exit_code == 3
         is_one_line(taken, "id 2 is taken", "remedy: ")
         assert document(bus_command("set-id", bus, 1, 9, "--json"))["id"] == 9
         assert set(bus.truth()) == {2, 9}
@@ -172,7 +172,7 @@ def test_set_id_changes_it_and_refuses_what_would_make_two_of_one(tmp_path: Path
         assert same.exit_code == 2
         bus.set_register(2, "torque_enable", 1)
         held = bus_command("set-id", bus, 2, 5)
-        assert held.exit_code == 1
+        assert held.exit_code == 3
         is_one_line(held, "torque is on", "torque-off 2")
         assert set(bus.truth()) == {2, 9}
 
@@ -180,7 +180,7 @@ def test_set_id_changes_it_and_refuses_what_would_make_two_of_one(tmp_path: Path
 def test_an_id_is_taken_even_when_its_answers_are_damaged(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1), ServoSpec(id=2)) as bus:
         bus.corrupt(2, 100)
-        assert bus_command("set-id", bus, 1, 2).exit_code == 1
+        assert bus_command("set-id", bus, 1, 2).exit_code == 3
         assert set(bus.truth()) == {1, 2}
 
 
@@ -207,11 +207,11 @@ def test_set_baud_refuses_before_any_servo_is_changed(tmp_path: Path) -> None:
         assert unknown.exit_code == 2
         is_one_line(unknown, "1234", "57600")
         too_fast = bus_command("set-baud", bus, "all", 4_500_000)
-        assert too_fast.exit_code == 1
+        assert too_fast.exit_code == 3
         is_one_line(too_fast, "servo 2", "4500000")
         bus.set_register(2, "torque_enable", 1)
         held = bus_command("set-baud", bus, "all", 57_600)
-        assert held.exit_code == 1
+        assert held.exit_code == 3
         is_one_line(held, "servo 2", "torque is on")
         assert [bus.register(i, "baud_rate") for i in (1, 2)] == [3, 3]
 
@@ -232,7 +232,7 @@ def test_an_error_whose_cause_is_still_there_is_not_called_reset(tmp_path: Path)
         bus.heat(1, 95.0)
         bus.fail(1, OVERHEATING)
         again = bus_command("reset-error", bus, 1)
-    assert again.exit_code == 1
+    assert again.exit_code == 3
     is_one_line(again, "servo 1", "overheating", "let it cool")
 
 
@@ -240,7 +240,7 @@ def test_a_servo_that_holds_is_restarted_only_when_that_is_meant(tmp_path: Path)
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
         hold(bus, 1)
         asked = bus_command("reset-error", bus, 1, answer="n\n")
-        assert asked.exit_code == 1
+        assert asked.exit_code == 3
         assert "goes limp" in asked.stderr
         assert bus.truth()[1].torque_on
         assert bus_command("reset-error", bus, 1, "--yes").exit_code == 0
@@ -253,7 +253,7 @@ def test_torque_off_asks_tells_what_follows_and_verifies(tmp_path: Path) -> None
             hold(bus, i)
         for answer in ("n\n", ""):
             refused = bus_command("torque-off", bus, "all", answer=answer)
-            assert refused.exit_code == 1
+            assert refused.exit_code == 3
             assert "limp" in refused.stderr
             assert all(servo.torque_on for servo in bus.truth().values())
         assert bus_command("torque-off", bus, 1, answer="y\n").exit_code == 0
@@ -346,7 +346,7 @@ def test_jog_refuses_goals_beyond_the_servos_limits(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
         bus.set_register(1, "max_position_limit", 2_500)
         refused = bus_command("jog", bus, 1, "--to", 45)
-        assert refused.exit_code == 1
+        assert refused.exit_code == 3
         is_one_line(refused, "45.0 deg", "39.7 deg", "remedy: ")
         bus.set_register(1, "hardware_error_status", OVERLOAD)
         assert "overload" in bus_command("jog", bus, 1, "--by", 1).stderr
@@ -356,7 +356,7 @@ def test_jog_refuses_goals_beyond_the_servos_limits(tmp_path: Path) -> None:
 def test_jog_asks_before_a_long_way(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
         refused = bus_command("jog", bus, 1, "--by", 100, answer="n\n")
-        assert refused.exit_code == 1
+        assert refused.exit_code == 3
         assert "100.0 deg" in refused.stderr
         assert bus.truth()[1].moved_s < 0.0
         assert bus_command("jog", bus, 1, "--by", 100, "--speed", 200, "--yes").exit_code == 0

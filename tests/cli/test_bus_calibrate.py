@@ -232,7 +232,7 @@ def test_a_servo_that_is_not_well_is_not_pushed(wing: Wing, tmp_path: Path, spoi
         spoil(bus)
         given_up = calibrate(wing, rig, bus, "--hinge", "c4", "--stop", "closing", "--yes")
         assert restored(bus, found)
-    assert given_up.exit_code == 1
+    assert given_up.exit_code == 3
     is_one_line(given_up, says, "remedy: ")
     assert untouched(rig, before)
 
@@ -272,7 +272,7 @@ def test_torque_that_is_on_is_asked_about_first(wing: Wing, tmp_path: Path) -> N
     with servos(wing, tmp_path) as bus:
         assert command("bus", "jog", 2, "--by", 0, "--hold", "--rig", rig, "--port", bus.link).exit_code == 0
         refused = calibrate(wing, rig, bus, "--pose", "stowed", answer="n\n")
-        assert refused.exit_code == 1
+        assert refused.exit_code == 3
         assert "goes limp" in refused.stderr
         assert bus.truth()[2].torque_on
         assert untouched(rig, before)
@@ -286,7 +286,7 @@ def test_no_at_one_hinge_writes_nothing(wing: Wing, tmp_path: Path) -> None:
     rig = wrong_rig(tmp_path)
     before = rig.read_text()
     with servos(wing, tmp_path) as bus:
-        assert calibrate(wing, rig, bus, "--pose", "stowed", answer="y\ny\nn\n").exit_code == 1
+        assert calibrate(wing, rig, bus, "--pose", "stowed", answer="y\ny\nn\n").exit_code == 3
     assert untouched(rig, before)
 
 

@@ -240,7 +240,7 @@ def test_switched_on_servos_of_several_turns_want_a_word_and_check_it(plan: Path
         before = shafts(bus)
         for more, message in (((), "--stands"), (("--stands", "stowed"), "not where the structure is said to stand")):
             done = run("stow", *words, *more, cwd=tmp_path)
-            assert done.returncode == 1, done.stdout + done.stderr
+            assert done.returncode == 3, done.stdout + done.stderr
             assert message in done.stderr
         np.testing.assert_array_equal(shafts(bus), before)
         done = run("stow", *words, "--stands", "deployed", cwd=tmp_path)
@@ -254,7 +254,7 @@ def test_switched_on_servos_of_several_turns_want_a_word_and_check_it(plan: Path
 @pytest.mark.parametrize(
     ("words", "message", "status"),
     [
-        (("--rig", RIG, "--port", "nowhere"), "nowhere cannot be opened: no such device", 1),
+        (("--rig", RIG, "--port", "nowhere"), "nowhere cannot be opened: no such device", 3),
         (("--rig", EXAMPLES / "rig_mock.toml", "--port", "x"), "--port", 2),
         (("--rig", EXAMPLES / "rig_mock.toml", "--stands", "stowed"), "--stands", 2),
     ],

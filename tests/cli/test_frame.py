@@ -9,11 +9,18 @@ import sys
 import time
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
+from ori_deploy.actuators.bus import BusClosed, CommandRefused
 from ori_deploy.cli import main
 from ori_deploy.cli.commands import ENTRIES
+from ori_deploy.cli.frame import EXIT_STATUSES, Commands, nothing_moved
+from ori_deploy.deploy.result import StartRefused
+from ori_deploy.deploy.states import IllegalCommand, State
+from ori_deploy.errors import InputError, OriDeployError
+from ori_deploy.operate.client import NoController
 
 
 @pytest.mark.parametrize(
@@ -61,6 +68,40 @@ def test_every_command_is_where_the_list_says_and_called_so(name: str) -> None:
     done = CliRunner().invoke(main, [name, "--help"], prog_name="ori-deploy")
     assert done.output.startswith(f"Usage: ori-deploy {name} "), done.output
     assert len(ENTRIES[name].line) < 64
+
+
+class _Odd(OriDeployError):
+    """Neither a refusal nor bad input: something may have moved."""
+
+
+@pytest.mark.parametrize(
+    ("wrong", "status"),
+    [
+        (InputError("x"), 2),
+        (StartRefused("x"), 3),
+        (CommandRefused("x"), 3),
+        (NoController("x"), 3),
+        (IllegalCommand(State.HOLD, "hold"), 3),
+        (BusClosed("x"), 1),
+        (_Odd("x"), 1),
+    ],
+)
+def test_every_error_has_the_status_that_the_help_tells(wrong: OriDeployError, status: int) -> None:
+    @click.command()
+    def fails() -> None:
+        raise wrong
+
+    done = CliRunner().invoke(Commands("group", {"fails": fails}), ["fails"])
+    assert (done.exit_code, done.stderr) == (status, f"error: {wrong}\n")
+    page = CliRunner().invoke(main, ["--help"]).output
+    assert f"\n  {status:<4} {EXIT_STATUSES[status]}"[:70] in page.replace("\n    ", "\n  ")
+
+
+def test_what_fails_before_anything_can_move_is_a_refusal_and_bad_input_stays_that() -> None:
+    for wrong, refused in ((BusClosed("x"), True), (InputError("x"), False), (StartRefused("x"), True)):
+        with pytest.raises(OriDeployError) as caught, nothing_moved():
+            raise wrong
+        assert caught.value.refused == refused
 
 
 def test_no_words_at_all_show_the_help() -> None:

@@ -108,7 +108,7 @@ def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: P
         told = json.loads(mcu("info", "--json", cwd=tmp_path).stdout)
         assert (told["state"], told["config_hash"], told["config"]) == ("unconfigured", None, [])
         refused = motion("deploy", made, tmp_path)
-        assert refused.returncode == 1
+        assert refused.returncode == 3
         assert "ori-deploy mcu config" in refused.stderr
         words = ("config", made / "rig.toml", "--plan", made / "wing.plan.json")
         assert mcu(*words, "--check", cwd=tmp_path).returncode == 1
@@ -128,10 +128,10 @@ def test_a_board_is_asked_configured_watched_and_cleared(made: Path, tmp_path: P
         one.estop()
         time.sleep(0.5)
         refused = mcu("clear-fault", cwd=tmp_path)
-        assert refused.returncode == 1
+        assert refused.returncode == 3
         assert refused.stderr.count("emergency stop") == refused.stderr.count("remedy: ") == 1
         refused = motion("deploy", made, tmp_path)
-        assert refused.returncode == 1
+        assert refused.returncode == 3
         assert refused.stderr.count("\n") == 1  # told once, with the command that clears it
         for word in ("microcontroller: ", "emergency stop", "remedy: ", "ori-deploy mcu clear-fault --port "):
             assert refused.stderr.count(word) == 1, refused.stderr
@@ -161,7 +161,7 @@ def test_the_monitor_names_what_it_shows_and_one_servo_is_turned(made: Path, tmp
         assert shown["estop"] is False
         before = one.truth().shaft_rad
         done = mcu(*jog, "--by", "0.1", cwd=tmp_path)
-        assert done.returncode == 1
+        assert done.returncode == 3
         assert "not confirmed" in done.stderr
         done = mcu(*jog, "--by", "0.1", "--yes", "--json", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
@@ -170,7 +170,7 @@ def test_the_monitor_names_what_it_shows_and_one_servo_is_turned(made: Path, tmp
         assert told["arrived"]
         np.testing.assert_allclose(np.subtract(one.truth().shaft_rad, before), [0.1, 0.0, 0.0, 0.0], atol=0.02)
         done = mcu("torque-off", *rig, cwd=tmp_path)
-        assert done.returncode == 1
+        assert done.returncode == 3
         assert "servo_1 holds up falls" in done.stderr
         assert mcu("torque-off", *rig, "--yes", cwd=tmp_path).stdout.startswith("off: servo_1")
         assert "no hinge was on" in mcu("torque-off", *rig, "--yes", cwd=tmp_path).stdout
@@ -234,7 +234,7 @@ def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made:
         assert done.returncode == 0, done.stderr
         words = ("deploy", made / "wing.plan.json", "--rig", blind, "--port", tmp_path / "ttyMCU")
         refused = run(*words, cwd=tmp_path)
-        assert refused.returncode == 1
+        assert refused.returncode == 3
         assert "nobody knows where servo_1, servo_2, servo_3, servo_4 stand" in refused.stderr
         assert refused.stderr.strip().endswith("--stands stowed or --stands deployed")
 
@@ -242,7 +242,7 @@ def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made:
 @pytest.mark.slow
 def test_what_cannot_be_is_one_line(made: Path, tmp_path: Path) -> None:
     for words, status, told in (
-        (("mcu", "info", "--port", "nowhere"), 1, "nowhere cannot be opened"),
+        (("mcu", "info", "--port", "nowhere"), 3, "nowhere cannot be opened"),
         (("mcu", "info", "--rig", EXAMPLES / "rig_mock.toml"), 2, "a table [mcu]"),
         (
             ("mcu", "info", "--port", "nowhere", "--baud", "115200"),
@@ -271,7 +271,7 @@ def test_the_configuration_outlasts_power_and_another_rig_is_refused(made: Path,
         done = run(
             "deploy", made / "wing.plan.json", "--rig", other, "--port", tmp_path / "ttyMCU", cwd=tmp_path
         )  # fmt: skip
-        assert done.returncode == 1
+        assert done.returncode == 3
         assert "configuration is not the rig's" in done.stderr
 
 
@@ -308,7 +308,7 @@ def test_kill_9_ends_in_hold_in_time_and_the_next_session_has_to_clear_it(made: 
         assert one.truth().latches == latches
         is_decided_the_same_again(tmp_path / "flight.mcap")
         refused = motion("deploy", made, tmp_path)
-        assert refused.returncode == 1
+        assert refused.returncode == 3
         assert "host silent" in refused.stderr or "heard nothing" in refused.stderr
         assert "cleared: host silent" in mcu("clear-fault", cwd=tmp_path).stdout
         done = motion("deploy", made, tmp_path)

@@ -104,7 +104,7 @@ def test_pause_status_resume_deployed(plan: Path, runtime_folder: Path, tmp_path
         assert first["fold"] == second["fold"]
         assert second["cycles"] > first["cycles"]  # held and watched, not asleep
         refused = asked("pause", "--pid", running.pid, cwd=tmp_path)
-        assert refused.returncode == 1
+        assert refused.returncode == 3
         assert refused.stderr == (
             "error: pause refused: not allowed in state hold; allowed in state hold: status, resume, stop, estop\n"
         )
@@ -145,10 +145,10 @@ def test_estop_ends_with_its_fault_and_status_1(plan: Path, tmp_path: Path) -> N
     assert "error: not deployed" in err
 
 
-def test_without_a_controller_the_status_is_2_and_the_line_says_what_to_do(tmp_path: Path) -> None:
+def test_without_a_controller_the_status_is_3_and_the_line_says_what_to_do(tmp_path: Path) -> None:
     for name in ("status", "pause", "resume", "stop", "estop"):
         done = run(name, cwd=tmp_path)
-        assert done.returncode == 2
+        assert done.returncode == 3
         assert done.stderr.count("\n") == 1
         assert "no controller is running" in done.stderr
         assert "remedy: start one" in done.stderr
@@ -204,7 +204,7 @@ def test_watch_follows_to_the_end_and_several_sessions_are_told_apart(plan: Path
         one.until("-> moving")
         two.until("-> moving")
         done = asked("status", cwd=tmp_path)
-        assert done.returncode == 2
+        assert done.returncode == 3
         for pid in (one.pid, two.pid):
             assert f"pid {pid} ({plan.name}, no port, moving)" in done.stderr
         with (

@@ -79,7 +79,7 @@ def test_a_second_program_is_told_who_has_the_port_until_kill_9(plan: Path, bus:
         for second in (words, ("bus", "ping", 1, "--port", device), ("mcu", "info", "--port", device)):
             done = asked(*second, cwd=tmp_path)
             assert running.process.poll() is None, running.end()
-            assert done.returncode == 1, done.stdout
+            assert done.returncode == 3, done.stdout
             assert done.stderr.count("\n") == 1
             assert f"another program has it (pid {running.pid}, ori-deploy deploy {plan} --rig " in done.stderr
             assert "; remedy: end that program" in done.stderr

@@ -42,7 +42,7 @@ def standing(monkeypatch: pytest.MonkeyPatch, folds: list[float]) -> None:
 def test_cells_out_of_step_are_brought_back_along_a_checked_way(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     standing(monkeypatch, [0.2, 0.45, 0.3, 0.35])
     refused = run("deploy", "w.plan.json", "--rig", RIG, cwd=made)
-    assert refused.returncode == 2
+    assert refused.returncode == 3
     assert "off the path" in refused.stderr
     assert "ori-deploy recover" in refused.stderr
     done = run("recover", "w.plan.json", "--rig", RIG, "--design", "w.design.json", cwd=made)
@@ -55,7 +55,7 @@ def test_cells_out_of_step_are_brought_back_along_a_checked_way(made: Path, monk
 def test_a_pose_that_cannot_be_is_refused_with_its_panels(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     standing(monkeypatch, [1.0, 0.2, 1.0, 1.0])
     done = run("recover", "w.plan.json", "--rig", RIG, "--design", "w.design.json", cwd=made)
-    assert done.returncode == 2
+    assert done.returncode == 3
     assert "reach into each other" in done.stderr
     assert done.stderr.count("\n") == 1
 
@@ -76,7 +76,7 @@ def test_the_journal_is_kept_and_believed_until_somebody_looked(made: Path, tmp_
     assert (entry["command"], entry["state"], entry["from_fold"]) == ("deploy", "deployed", 1.0)
     # Simulated servos are found stowed again: not where the journal left them.
     again = run("deploy", *words, cwd=made)
-    assert again.returncode == 2
+    assert again.returncode == 3
     assert "not where the journal says" in again.stderr
     assert "--trust-measured" in again.stderr
     assert run("deploy", *words, "--trust-measured", cwd=made).returncode == 0
