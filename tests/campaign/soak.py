@@ -12,12 +12,13 @@ import numpy as np
 from ori_deploy.actuators.bus import BusError
 from ori_deploy.cli.flight import versions
 from ori_deploy.deploy.result import StartRefused
-from ori_deploy.deploy.states import IllegalCommand, State
+from ori_deploy.deploy.states import Event, IllegalCommand, State
 from ori_deploy.telemetry.frames import plan_info
 from ori_deploy.telemetry.read import read_run
 from ori_deploy.telemetry.recorder import Recorder
 from tests.campaign.faults import CAUSES
-from tests.campaign.grounds import Ground, mock
+from tests.campaign.grounds import STOWED, Ground, mock
+from tests.campaign.trial import recover
 
 WARM_UP = 0.2
 """Part of the time after which memory is first looked at: caches are full by then."""
@@ -36,6 +37,7 @@ class Soak:
     simulated_s: float = 0.0
     commands: int = 0
     succeeded: int = 0
+    recovered: int = 0
     faults: dict[str, int] = field(default_factory=dict)
     refused: int = 0
     grown_bytes: int = 0
@@ -46,7 +48,8 @@ class Soak:
         faults = ", ".join(f"{name} {count}" for name, count in sorted(self.faults.items()))
         return (
             f"soak: {self.simulated_s:.0f} s simulated, {self.commands} commands, {self.succeeded} succeeded, "
-            f"{self.refused} refused; faults: {faults or 'none'}; memory grew by {self.grown_bytes / 1e6:.2f} MB; "
+            f"{self.refused} refused, {self.recovered} brought into step; "
+            f"faults: {faults or 'none'}; memory grew by {self.grown_bytes / 1e6:.2f} MB; "
             f"{self.log_cycles} cycles in the log; violations: {self.violations or 'none'}"
         )
 
@@ -56,15 +59,15 @@ def soak(duration_s: float, seed: int, log: Path | None = None) -> Soak:
     told, generator = Soak(), np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
         path = log or Path(folder) / "soak.mcap"
-        with mock(Path(folder), "stowed", seed) as ground, _recorder(ground, path) as recorder:
+        with mock(Path(folder), STOWED, seed) as ground, _recorder(ground, path) as recorder:
             ground.controller.add_observer(recorder)
-            begun, base = ground.clock.now(), None
-            while ground.clock.now() - begun < duration_s:
+            begun, base = ground.watch.now(), None
+            while ground.watch.now() - begun < duration_s:
                 _one_command(told, ground, generator)
                 ground.records.clear()  # the log has them
-                if base is None and ground.clock.now() - begun > WARM_UP * duration_s:
+                if base is None and ground.watch.now() - begun > WARM_UP * duration_s:
                     base = _memory()
-            told.simulated_s = ground.clock.now() - begun
+            told.simulated_s = ground.watch.now() - begun
             told.grown_bytes = _memory() - (base or 0)
         run = read_run(path)
         told.log_cycles = len(run.time_s)
@@ -79,7 +82,7 @@ def soak(duration_s: float, seed: int, log: Path | None = None) -> Soak:
 
 def _recorder(ground: Ground, path: Path) -> Recorder:
     info = plan_info(ground.plan, ground.rig, plan_sha256="")
-    return Recorder(path, info, ground.clock, versions=versions(ground.clock), files={}, waits=True)
+    return Recorder(path, info, ground.watch, versions=versions(ground.watch), files={}, waits=True)
 
 
 def _memory() -> int:
@@ -100,8 +103,9 @@ def _one_command(told: Soak, ground: Ground, generator: np.random.Generator) -> 
             controller.deploy()
     except (StartRefused, BusError, IllegalCommand):
         told.refused += 1
-        _push_into_step(ground)
-        return
+        if generator.random() < 0.5 or not _recovers(ground):
+            _push_into_step(ground)
+            return
     spoil_after = int(generator.integers(1, 250)) if generator.integers(FAULT_EVERY) == 0 else -1
     cause = CAUSES[int(generator.integers(len(CAUSES)))].name
     for k in range(4000):
@@ -117,6 +121,8 @@ def _one_command(told: Soak, ground: Ground, generator: np.random.Generator) -> 
     if controller.fault is not None:
         kind = str(controller.fault.kind)
         told.faults[kind] = told.faults.get(kind, 0) + 1
+    elif controller.state is State.ARMED and controller.result().command == Event.RECOVER:
+        told.recovered += controller.result().succeeded
     elif controller.state in (State.DEPLOYED, State.STOWED):
         told.succeeded += 1
         if controller.state is State.DEPLOYED and not all(ground.closed(latch) for latch in ground.latches):
@@ -145,7 +151,16 @@ def _bring_to_work(ground: Ground) -> None:
         except (BusError, IllegalCommand):
             if controller.state is not State.DISCONNECTED:
                 controller.step()
-            ground.clock.sleep_until(ground.clock.now() + 1.0)
+            ground.watch.sleep_until(ground.watch.now() + 1.0)
+
+
+def _recovers(ground: Ground) -> bool:
+    """Command a way back into step, with whatever is to go wrong on it."""
+    try:
+        recover(ground)
+    except (StartRefused, BusError, IllegalCommand):
+        return False
+    return True
 
 
 def _push_into_step(ground: Ground) -> None:
@@ -154,5 +169,5 @@ def _push_into_step(ground: Ground) -> None:
     if controller.state in (State.ARMED, State.DEPLOYED, State.STOWED):
         controller.disarm()
     goal = ground.rig.to_actuator(ground.plan.crease_angles_rad[0])
-    for name, away in zip(ground.rig.hinge_ids, goal - ground.shafts(), strict=True):
-        ground.bus.push(name, float(away))  # type: ignore[attr-defined]
+    for k, away in enumerate(goal - ground.shafts()):
+        ground.push(k, float(away))

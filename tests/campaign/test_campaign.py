@@ -7,16 +7,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ori_deploy.clock import VirtualClock
 from tests.campaign.faults import CAUSES, STAGES, Cause
 from tests.campaign.grounds import available
+from tests.campaign.outcome import Trial
 from tests.campaign.soak import soak
+from tests.campaign.times import ENOUGH, Judge, worst
 from tests.campaign.trial import run_trial
+from tests.campaign.watch import LOOK_S, Look, Watch
 
 SEED = 20261126
 FAST = ("open", "close")
-"""Stages that are tried in the fast suite; the rest comes with the slow tests."""
+"""Stages that are tried in the fast suite with every fault; the rest comes with the slow tests."""
+
+FAST_IN_RECOVERY = ("silence", "jam", "unplugged", "emergency stop")
+"""Faults that are tried in the fast suite on the way back into step."""
 
 ON_MOCK = [cause for cause in CAUSES if "board" not in cause.name]
+
+
+def _is_fast(cause: Cause, stage: str) -> bool:
+    return stage in FAST or stage in cause.stages or (stage == "recover" and cause.name in FAST_IN_RECOVERY)
+
+
+TRIALS = [
+    pytest.param(cause, stage, marks=[pytest.mark.slow] * (not _is_fast(cause, stage)), id=f"{cause.name}-{stage}")
+    for cause in ON_MOCK
+    for stage in STAGES
+    if not cause.stages or stage in cause.stages
+]
 SAMPLE = (
     ("silence", "open"),
     ("unplugged", "open"),
@@ -27,8 +46,7 @@ SAMPLE = (
 )
 
 
-@pytest.mark.parametrize("stage", [pytest.param(s, marks=[pytest.mark.slow] * (s not in FAST)) for s in STAGES])
-@pytest.mark.parametrize("cause", ON_MOCK, ids=lambda cause: cause.name)
+@pytest.mark.parametrize(("cause", "stage"), TRIALS)
 def test_every_fault_in_every_stage_on_the_mock(cause: Cause, stage: str, tmp_path: Path) -> None:
     seed = int(np.random.default_rng([SEED, CAUSES.index(cause), STAGES.index(stage)]).integers(2**31))
     trial = run_trial("mock", cause, stage, seed, tmp_path)
@@ -56,3 +74,35 @@ def test_minutes_of_deploying_and_stowing_with_faults_leak_nothing() -> None:
     assert not told.violations, told
     assert told.succeeded > 20
     assert len(told.faults) >= 4
+
+
+def test_a_quantile_is_called_one_only_of_enough_trials() -> None:
+    times = [0.001 * k for k in range(1, ENOUGH + 1)]
+    assert worst([None, 0.02, 0.04]) == ("0.040", "worst of 2")
+    assert worst(times[:-1]) == ("0.999", f"worst of {ENOUGH - 1}")
+    assert worst(times) == ("1.000", f"p99.9 of {ENOUGH}")
+    assert worst([None]) == ("-", "-")
+
+
+@pytest.mark.parametrize(("late_s", "broken", "unjudged"), [(0.0, 1, 0), (0.01, 1, 0), (0.06, 0, 1)])
+def test_what_the_machine_may_have_delayed_is_said_and_not_judged(late_s: float, broken: int, unjudged: int) -> None:
+    shafts = np.zeros(1)
+    watch = Watch(VirtualClock(), lambda: shafts, looks=[Look(0.0, shafts, 0.0), Look(0.2, shafts, late_s)])
+    trial = Trial("dynamixel", "silence", "open", 1)
+    Judge(trial, watch)("goals at rest", 0.1, 0.05, 0.0)
+    assert (len(trial.violations), len(trial.not_judged)) == (broken, unjudged)
+    Judge(trial, watch)("goals at rest", 0.04, 0.05, 0.0)
+    assert (len(trial.violations), len(trial.not_judged)) == (broken, unjudged)
+
+
+def test_shafts_are_judged_by_where_they_are_and_not_by_what_was_commanded() -> None:
+    """On a clock that looks while it sleeps, a shaft is followed until it stays where it is."""
+    clock = VirtualClock()
+    watch = Watch(clock, lambda: np.array([min(clock.now(), 0.1), 0.0]))
+    watch.begin()
+    for _ in range(10):
+        watch.sleep_until(clock.now() + 0.04)
+    watch.end()
+    still, unseen = watch.still_from(np.array([1e-3, 1e-3]))
+    assert 0.099 <= still <= 0.1 + LOOK_S
+    assert 0.0 < unseen <= LOOK_S + 1e-9

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,90 +10,161 @@ from ori_deploy.actuators.bus import BusError
 from ori_deploy.deploy.localise import Localiser
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.result import CycleRecord, StartRefused
-from ori_deploy.deploy.states import Event, IllegalCommand, State
-from tests.campaign.faults import AT_REST, MOVING, Cause
-from tests.campaign.grounds import GROUNDS, Ground
+from ori_deploy.deploy.states import IllegalCommand, State
+from ori_deploy.motion.recovery import Recovery
+from tests.campaign.faults import MOVING, RECOVERY, SEATING, Cause
+from tests.campaign.grounds import DEPLOYED, GROUNDS, STOWED, Ground, Start
+from tests.campaign.judging import judge_ending, judge_goals, judge_recovery, judge_rest
+from tests.campaign.outcome import Trial
+from tests.campaign.times import judge_times
 
-ONE_DEGREE = float(np.deg2rad(1.0))
 PATIENCE_S = 15.0
 WATCHED_S = 0.6
 """How long what rests is looked at."""
 
-SEATS = frozenset({Event.ARM, Event.CLEAR_FAULT})
-"""What sets the goals to where the shafts are measured."""
+BEFORE_SLITS, AMONG_SLITS = 0.85, (0.905, 0.95)
+"""Fold where a motion into the seating begins, and those between which something is spoilt."""
 
-ENDED = frozenset(State) - {State.MOVING, State.LATCHING, State.STOPPING}
+HALF_WAY = 0.35
+"""Where a motion begins that is then stopped and pushed out of step."""
+
+PUSH = (0.15, 0.35)
+"""Fold by which a cell is pushed away."""
+
+OWN = ("failing observer", "emergency stop")
+"""Faults that no ground has to know."""
 
 
-@dataclass
-class Trial:
-    """What came of it.
+def run_trial(
+    backend: str, cause: Cause, stage: str, seed: int, folder: Path, *, only_times: bool = False
+) -> Trial | None:
+    """One trial; None where the backend knows no such fault, or it cannot be injected in this stage.
 
-    Attributes
-    ----------
-    noticed_s, rested_s
-        From the injection to the first cycle that holds or stops, and from there to rest; None where nothing was.
-    ended
-        State and fault, in words.
-    violations
-        Broken promises, in words.
+    With `only_times` it begins near where something is spoilt, and ends once it rests.
     """
-
-    backend: str
-    fault: str
-    stage: str
-    seed: int
-    noticed_s: float | None = None
-    rested_s: float | None = None
-    ended: str = ""
-    violations: list[str] = field(default_factory=list)
-
-
-def run_trial(backend: str, cause: Cause, stage: str, seed: int, folder: Path) -> Trial | None:
-    """One trial; None where the backend knows no such fault."""
+    if cause.stages and stage not in cause.stages:
+        return None
     trial = Trial(backend, cause.name, stage, seed)
     generator = np.random.default_rng(seed)
-    start = "deployed" if stage in ("unlatch", "close", "lock") else "stowed"
-    with GROUNDS[backend](folder, start, seed) as ground:
-        if cause.name not in ground.faults and cause.name not in ("failing observer", "emergency stop"):
+    with GROUNDS[backend](folder, _start(stage, generator, only_times), seed) as ground:
+        if cause.name not in ground.faults and cause.name not in OWN:
             return None
-        if not _reach(ground, stage, generator):
+        hinge = int(generator.integers(ground.n))
+        if not _reach(ground, stage, hinge, generator):
             return None  # a stage that this backend passes at once
-        before, injected_s = len(ground.records), ground.clock.now()
-        _inject(ground, cause.name, int(generator.integers(ground.n)))
+        if not ground.real_time:  # there, any moment between two cycles is as likely as any other by itself
+            ground.watch.sleep_until(ground.watch.now() + generator.uniform(0.0, ground.period_s))
+        before = len(ground.records)
+        ground.watch.begin()
+        injected_s = ground.watch.now()
+        _inject(ground, cause.name, hinge)
         _let_it_end(ground)
-        _judge_times(trial, cause, ground, ground.records[before:], injected_s, stage)
-        _judge_ending(trial, cause, ground)
-        _judge_rest(trial, ground)
-        _go_on(trial, ground)
-        _judge_goals(trial, ground)
+        ground.watch.end()
+        judge_times(trial, cause, ground, ground.records[before:], injected_s)
+        judge_ending(trial, cause, ground)
+        if not only_times:
+            judge_rest(trial, ground)
+            _go_on(trial, ground)
+        judge_goals(trial, ground)
+        judge_recovery(trial, ground)
     return trial
 
 
 # -- doing it
 
 
-def _reach(ground: Ground, stage: str, generator: np.random.Generator) -> bool:
+def _start(stage: str, generator: np.random.Generator, near: bool) -> Start:
+    if stage == SEATING:
+        return Start(BEFORE_SLITS, slits=True)
+    if stage in RECOVERY:
+        return Start(HALF_WAY)
+    if near and stage in MOVING:
+        return Start(float(generator.uniform(0.1, 0.6) if stage == "open" else generator.uniform(0.4, 0.9)))
+    return DEPLOYED if stage in ("unlatch", "close", "lock") else STOWED
+
+
+def _reach(ground: Ground, stage: str, hinge: int, generator: np.random.Generator) -> bool:
     controller = ground.controller
+    _steps(ground, 5)
     if stage == "armed":
-        _steps(ground, 5)
         return True
+    if stage in RECOVERY:
+        return _reach_recovery(ground, stage, hinge, generator)
     if stage in ("unlatch", "close", "lock"):
         controller.stow()
     else:
         controller.deploy()
     if stage == "deployed":
         return controller.run().succeeded
-    fold = float(generator.uniform(0.1, 0.9))
-    while controller.under_way:
-        record = controller.step()
-        there = record.stage == stage
+    return _reach_stage(ground, stage, generator)
+
+
+def _reach_stage(ground: Ground, stage: str, generator: np.random.Generator) -> bool:
+    wanted = "open" if stage == SEATING else stage
+    fold = _fold_within(stage, float(ground.records[-1].folds.mean()), generator)
+    while ground.controller.under_way:
+        record = ground.controller.step()
+        there = record.stage == wanted
         if stage in MOVING:
-            passed = record.commanded_fold >= fold if stage == "open" else record.commanded_fold <= fold
+            passed = record.commanded_fold >= fold if wanted == "open" else record.commanded_fold <= fold
             there = there and passed and record.rate != 0.0
         if there:
             return True
     return False
+
+
+def _fold_within(stage: str, begun: float, generator: np.random.Generator) -> float:
+    """Where something is spoilt, farther on than the motion begins; of no matter in stages that rest."""
+    if stage == "close":
+        return float(generator.uniform(0.1, min(0.9, begun - 0.05)))
+    low, high = AMONG_SLITS if stage == SEATING else (max(0.1, begun + 0.05), 0.9)
+    return float(generator.uniform(low, max(low, high)))
+
+
+def _reach_recovery(ground: Ground, stage: str, hinge: int, generator: np.random.Generator) -> bool:
+    """Stopped on its way, a cell pushed out of step by hand, a pin driven in where it does not belong.
+
+    Mostly it is the hinge of the fault that is pushed: the others have no way to go.
+    """
+    controller = ground.controller
+    controller.deploy()
+    while controller.under_way and not (controller.step().commanded_fold > HALF_WAY + 0.05):
+        pass
+    controller.stop()
+    controller.run()
+    controller.disarm()
+    cell = hinge if generator.random() < 0.75 else int(generator.integers(ground.n))
+    _push(ground, cell, float(generator.choice([-1.0, 1.0]) * generator.uniform(*PUSH)))
+    if "pin" in ground.bus.latch_ids:
+        ground.bus.engage("pin")
+    controller.arm()
+    _steps(ground, 5)
+    target, begun = recover(ground), ground.records[-1].folds[cell]
+    if stage == "free":
+        return controller.state is State.LATCHING
+    part = float(generator.uniform(0.2, 0.8))
+    while controller.under_way:
+        record = controller.step()
+        if record.stage == stage and abs(record.folds[cell] - target) < part * abs(begun - target):
+            return True
+    return False
+
+
+def _push(ground: Ground, cell: int, by_fold: float) -> None:
+    """Turn a limp hinge by as much as its cell needs to be farther open by a fold."""
+    here = ground.shafts()
+    table = PathTable.build(ground.plan, ground.rig)
+    fold = float(Localiser(table).folds(here)[cell])
+    there = np.interp(fold + by_fold, table.fold, table.shaft_rad[:, cell])
+    ground.push(cell, float(there - here[cell]))
+
+
+def recover(ground: Ground) -> float:
+    """Command a way back into step, straight to the middle of where cells stand; nothing is in it here."""
+    folds = np.clip(ground.controller.step().folds, 0.0, 1.0)
+    target = float(np.median(folds))
+    ground.controller.recover(Recovery(np.stack([folds, np.full_like(folds, target)]), 2))
+    return target
 
 
 def _inject(ground: Ground, name: str, hinge: int) -> None:
@@ -113,6 +181,7 @@ def _inject(ground: Ground, name: str, hinge: int) -> None:
 
 
 def _steps(ground: Ground, count: int) -> None:
+    """So many cycles, as long as there is a link."""
     for _ in range(count):
         if ground.controller.state is not State.DISCONNECTED:
             ground.controller.step()
@@ -120,143 +189,64 @@ def _steps(ground: Ground, count: int) -> None:
 
 def _let_it_end(ground: Ground) -> None:
     """Until nothing is under way, and a while longer: what rests may still be told of a fault."""
-    end = ground.clock.now() + PATIENCE_S
-    until = ground.clock.now() + WATCHED_S
-    while ground.clock.now() < end and (ground.controller.under_way or ground.clock.now() < until):
+    end = ground.watch.now() + PATIENCE_S
+    until = ground.watch.now() + WATCHED_S
+    while ground.watch.now() < end and (ground.controller.under_way or ground.watch.now() < until):
         ground.controller.step()
 
 
 def _go_on(trial: Trial, ground: Ground) -> None:
-    """With the cause gone and the fault cleared it goes on, or says in a typed refusal why not."""
+    """With the cause gone, the fault cleared and cells brought into step it goes on."""
     controller = ground.controller
     ground.heal()
     last = "nothing was tried"
     for _ in range(6):
         try:
-            for state, step in (
-                (State.FAULT, controller.clear_fault),
-                (State.DISCONNECTED, controller.connect),
-                (State.FAULT, controller.clear_fault),
-                (State.READY, controller.arm),
-            ):
-                if controller.state is state:
-                    step()
-                    _steps(ground, 3)  # what an actuator has latched itself shows by looking
-            if controller.state is State.HOLD:
-                controller.stop()
-                controller.run()
-            _steps(ground, 10)
-            if controller.state in (State.ARMED, State.STOWED):
-                controller.deploy()
-            elif controller.state is State.DEPLOYED:
-                controller.stow()
-            else:
-                raise IllegalCommand(controller.state, "going on")
+            _bring_to_work(ground)
+            try:
+                _begin(ground)
+            except StartRefused as refused:
+                if "ori-deploy recover" not in str(refused):
+                    raise
+                last = f"{refused}"
+                recover(ground)
         except StartRefused as refused:
-            if "off the path" in str(refused) or "out of step" in str(refused):
-                return  # as a jam leaves it: told, and nothing moved
             last = str(refused)
-            ground.clock.sleep_until(ground.clock.now() + 0.5)
+            ground.watch.sleep_until(ground.watch.now() + 0.5)
             continue
         except (BusError, IllegalCommand) as refused:
             last = f"{type(refused).__name__}: {refused}"
-            ground.clock.sleep_until(ground.clock.now() + 0.5)
+            ground.watch.sleep_until(ground.watch.now() + 0.5)
             continue
         result = controller.run()
-        if result.succeeded:
+        if result.succeeded and controller.state in (State.DEPLOYED, State.STOWED):
             return
-        last = str(result.fault)
+        last = str(result.fault) if result.fault is not None else last
     trial.violations.append(f"does not go on after healing and clearing: {last}")
 
 
-# -- judging it
-
-
-def _stops(record: CycleRecord) -> bool:
-    return record.state in (State.FAULT, State.HOLD)
-
-
-def _judge_times(
-    trial: Trial, cause: Cause, ground: Ground, after: list[CycleRecord], injected_s: float, stage: str
-) -> None:
-    first = next((k for k, record in enumerate(after) if _stops(record)), None)
-    if first is None:
-        return
-    trial.noticed_s = after[first].time_s - injected_s
-    resting = next((record for record in after[first:] if record.rate == 0.0), None)
-    if resting is None:
-        trial.violations.append("never came to rest")
-        return
-    trial.rested_s = resting.time_s - after[first].time_s
-    if ground.real_time:
-        return  # what else the machine does is in these times: they are told, not judged
-    period = 1.0 / ground.rig.rate_hz
-    if cause.notice_s is not None and stage not in AT_REST and trial.noticed_s > cause.notice_s + period:
-        trial.violations.append(f"noticed after {trial.noticed_s:.3f} s; limit: {cause.notice_s:g} s and a cycle")
-    allowed = ground.rig.controller.hold_ramp_s * 1.3 if cause.pauses else 0.1
-    if trial.rested_s > allowed + 1e-9:
-        trial.violations.append(f"at rest {trial.rested_s:.3f} s after it was noticed; limit: {allowed:g} s")
-
-
-def _judge_ending(trial: Trial, cause: Cause, ground: Ground) -> None:
+def _bring_to_work(ground: Ground) -> None:
     controller = ground.controller
-    fault = controller.fault
-    trial.ended = f"{controller.state}" + (f", {fault.kind} ({fault.thing})" if fault is not None else "")
-    if controller.state not in ENDED or controller.under_way:
-        trial.violations.append(f"does not end: {controller.state}")
-    if fault is None and not cause.passes:
-        trial.violations.append(f"no fault was told; {trial.ended}")
-    if fault is not None and fault.kind not in cause.kinds:
-        trial.violations.append(f"told as {fault}")
-    if controller.state is State.DEPLOYED:
-        for latch in ground.latches:
-            if ground.closed(latch) is False:
-                trial.violations.append(f"deployed, and {latch} is open")
+    for state, step in (
+        (State.FAULT, controller.clear_fault),
+        (State.DISCONNECTED, controller.connect),
+        (State.FAULT, controller.clear_fault),
+        (State.READY, controller.arm),
+    ):
+        if controller.state is state:
+            step()
+            _steps(ground, 3)  # what an actuator has latched itself shows by looking
+    if controller.state is State.HOLD:
+        controller.stop()
+        controller.run()
+    _steps(ground, 10)
 
 
-def _judge_rest(trial: Trial, ground: Ground) -> None:
-    """What rests goes on resting: goals do not change, and driven shafts stay."""
-    if ground.controller.state is State.DISCONNECTED:
-        return
-    before, shafts = ground.records[-1].commanded_rad, ground.shafts()
-    _steps(ground, 20)
-    after = ground.records[-1].commanded_rad
-    if not np.array_equal(before, after, equal_nan=True):
-        trial.violations.append(f"goals change at rest, by {np.nanmax(np.abs(after - before)):.2g} rad")
-    moved = np.abs(ground.shafts() - shafts) / np.abs(ground.rig.shaft_per_crease)
-    if moved.max() > 2.0 * ONE_DEGREE:
-        trial.violations.append(f"a crease moves at rest, by {np.rad2deg(moved.max()):.1f} deg")
-
-
-def _angles(ground: Ground, goals: Iterable[np.ndarray]) -> np.ndarray:
-    """(n, n_cells, 4) angles of all creases that goals mean."""
-    localiser, plan = Localiser(PathTable.build(ground.plan, ground.rig)), ground.plan
-    folds = np.array([localiser.folds(goal) for goal in goals])
-    out = np.empty((*folds.shape, 4))
-    for c in range(folds.shape[1]):
-        for k in range(4):
-            out[:, c, k] = np.interp(folds[:, c], plan.fold, plan.crease_angles_rad[:, c, k])
-    return out
-
-
-def _judge_goals(trial: Trial, ground: Ground) -> None:
-    """No crease, driven or not, is told to jump: beyond its speed by a degree; and none moves unless armed."""
-    known = [record for record in ground.records if np.isfinite(record.commanded_rad).all()]
-    if len(known) < 2:
-        return
-    peak = np.abs(ground.plan.crease_rates_rad_s).max(axis=0) / ground.rig.rate_hz
-    steps = np.abs(np.diff(_angles(ground, [record.commanded_rad for record in known]), axis=0)) - peak
-    for step, record in zip(steps, known[1:], strict=True):
-        seated = SEATS & {transition.event for transition in record.transitions}
-        if seated and record.readings.valid.all():  # goals are where the shafts stand: nothing moves by it
-            step = np.abs(record.commanded_rad - record.readings.position_rad) / np.abs(ground.rig.shaft_per_crease)
-        if not seated and step.max() > ONE_DEGREE:
-            trial.violations.append(f"a goal jumps by {np.rad2deg(step.max()):.2f} deg in cycle {record.index}")
-        if seated and step.max() > ONE_DEGREE:
-            trial.violations.append(f"torque goes on {np.rad2deg(step.max()):.2f} deg off in cycle {record.index}")
-    for before, record in pairwise(ground.records):
-        unarmed = record.state in (State.READY, State.DISCONNECTED)
-        if unarmed and np.isfinite(record.commanded_rad).all() and record.rate != 0.0:
-            trial.violations.append(f"a rate of {record.rate:g} in state {record.state}")
-        if record.state is State.DEPLOYED and before.state is not State.DEPLOYED and record.latches is None:
-            trial.violations.append("deployed without a look at the latches")
+def _begin(ground: Ground) -> None:
+    controller = ground.controller
+    if controller.state in (State.ARMED, State.STOWED):
+        controller.deploy()
+    elif controller.state is State.DEPLOYED:
+        controller.stow()
+    else:
+        raise IllegalCommand(controller.state, "going on")
