@@ -8,7 +8,6 @@ expected. Bytes that are nothing of the kind are skipped and counted, and never 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 from ori_deploy.wire.generated import ori_deploy as dialect
@@ -33,6 +32,7 @@ from ori_deploy.wire.generated.ori_deploy import MAVLink_ori_setpoints_message a
 from ori_deploy.wire.generated.ori_deploy import MAVLink_ori_state_message as State
 from ori_deploy.wire.generated.ori_deploy import MAVLink_statustext_message as StatusText
 from ori_deploy.wire.generated.ori_deploy import MAVLink_timesync_message as Timesync
+from ori_deploy.wire.party import Party
 
 __all__ = [
     "DEVICE",
@@ -107,14 +107,6 @@ MESSAGES: Mapping[int, type[Message]] = MappingProxyType(
     }
 )
 """The messages that are believed, by their number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Party:
-    """Who sends: MAVLink's system and component."""
-
-    system: int
-    component: int
 
 
 HOST = Party(255, 190)
