@@ -25,6 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "deploy": {"motion", "actuators"},
     "operate": {"motion", "actuators", "deploy", "runtime_dir"},
     "telemetry": {"motion", "actuators", "deploy"},
+    "mav": {"motion", "actuators", "deploy", "operate", "wire", "files", "telemetry", "runtime_dir"},
     "sweep": {"profiles", "layout", "design", "motion", "files", "search"},
     "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures"},
 }
