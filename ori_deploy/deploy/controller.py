@@ -331,7 +331,7 @@ class Controller(Cycle):
             FaultKind.EMERGENCY_STOP,
             "controller",
             f"pressed by {self._pressed_by}",
-            "see why it was pressed; then clear the fault, or give the command again in a new session",
+            "see why it was pressed",
             self._clock.now(),
         )
         if self._fault is None:
@@ -357,7 +357,7 @@ class Controller(Cycle):
 
     def _interrupt(self, reason: str) -> None:
         """Latch a fault and come to rest along the path, as far as the bus still lets us."""
-        fault = Fault(FaultKind.INTERRUPTED, "controller", reason, "clear the fault", self._clock.now())
+        fault = Fault(FaultKind.INTERRUPTED, "controller", reason, "see what ended it", self._clock.now())
         if self.state in IN_MOTION:
             self._trip(fault)
         why = "not at rest after twice the time of the ramp"

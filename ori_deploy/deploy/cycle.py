@@ -14,6 +14,7 @@ from ori_deploy.clock import Clock
 from ori_deploy.deploy.checks import Checks
 from ori_deploy.deploy.errand import Errand
 from ori_deploy.deploy.fit import check_fit
+from ori_deploy.deploy.going_on import with_next_step
 from ori_deploy.deploy.journal import Entry, Journal
 from ori_deploy.deploy.latching import Latches
 from ori_deploy.deploy.link import Link
@@ -164,7 +165,7 @@ class Cycle:
                     FaultKind.OVERRUN,
                     "control loop",
                     f"late {late} cycles in a row, by a whole one or more; limit: overruns_allowed = {allowed}",
-                    "see what else loads the computer, or lower rate_hz and plan again, then clear the fault",
+                    "see what else loads the computer, or lower rate_hz and plan again",
                     now,
                 )
             )
@@ -306,6 +307,7 @@ class Cycle:
             self._fire(Event.CONCERN)
 
     def _latch(self, fault: Fault) -> None:
+        fault = with_next_step(fault, self._rig)
         log.error("%s", fault)
         self._fault, self._checks.concern = fault, None
         self._stop_ramp = stop_ramp(fault.kind, self._pacer.period_s)

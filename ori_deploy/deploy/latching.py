@@ -60,7 +60,7 @@ class LatchWork:
         for latch in self.pending(readings):
             reading = by_id[latch.id]
             if reading.fault is not None:
-                return Fault(FaultKind.LATCH_TRIPPED, latch.id, reading.fault, "wait, then clear the fault", now)
+                return Fault(FaultKind.LATCH_TRIPPED, latch.id, reading.fault, "wait", now)
             if now - self._started > latch.timeout_s:
                 wanted = "closed" if self._engage else "open"
                 return Fault(
@@ -68,7 +68,7 @@ class LatchWork:
                     latch.id,
                     f"not {wanted} after {now - self._started:.2f} s, it is {describe(reading)}; "
                     f"limit: timeout_s = {latch.timeout_s:g}",
-                    f"look at the latch on {latch.secures}, then clear the fault",
+                    f"look at the latch on {latch.secures}",
                     now,
                 )
         return None

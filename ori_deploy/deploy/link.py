@@ -240,4 +240,4 @@ class Link:
         kind = next(kind for type_, kind in _KINDS if isinstance(error, type_))
         thing = error.actuator_id if isinstance(error, ActuatorFault) else "bus"
         detail, _, remedy = str(error).removeprefix(f"{thing}: ").partition("; remedy: ")
-        self._trip(Fault(kind, thing, detail, remedy or "see the message, then clear the fault", now))
+        self._trip(Fault(kind, thing, detail, remedy or "see the message", now))

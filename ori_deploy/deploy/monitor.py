@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ori_deploy.actuators.bus import HardwareError, HealthReadings, HingeReadings, LatchReading, believable
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.actuators.rig import Latch
+from ori_deploy.deploy.going_on import reset_command
 from ori_deploy.deploy.result import Fault, FaultKind
 from ori_deploy.deploy.states import State
 from ori_deploy.motion.plan import Plan
@@ -85,7 +86,7 @@ class Monitor:
             FaultKind.LOST_REPLIES,
             self._rig.hinge_ids[worst],
             f"{self._streak[worst]} valid replies missing in a row; limit: {self._settings.lost_replies_allowed}",
-            "check its cable and power, then clear the fault",
+            "check its cable and power",
             now,
         )
 
@@ -107,7 +108,7 @@ class Monitor:
             self._rig.hinge_ids[worst],
             f"crease {hinge.crease} of cell {hinge.cell} is {value:.4f} rad from its command; "
             f"limit: path_tolerance_rad = {self._settings.path_tolerance_rad:.4f}",
-            "find what blocks or overloads it, then clear the fault",
+            "find what blocks or overloads it",
             now,
         )
 
@@ -127,7 +128,7 @@ class Monitor:
             self._rig.hinge_ids[i],
             f"crease {hinge.crease} of cell {hinge.cell} is {where}; "
             f"limit: goal_tolerance_rad = {self._settings.goal_tolerance_rad:.4f}",
-            "find what holds it back, then clear the fault",
+            "find what holds it back",
             now,
         )
 
@@ -144,7 +145,7 @@ class Monitor:
             self._plan.cell_ids[worst],
             f"fold {self.folds[worst]:.4f}, commanded {commanded_fold:.4f}, "
             f"spread of all cells {spread:.4f}; limit: the plan's step tolerance, here {allowed:.4f}",
-            "find what holds this cell back, then clear the fault",
+            "find what holds this cell back",
             now,
         )
 
@@ -156,14 +157,15 @@ class Monitor:
         if errors.any():
             i = int(np.argmax(errors))
             name = str(HardwareError(int(health.hardware_error[i])).name)
-            return self._health_fault(FaultKind.HARDWARE_ERROR, i, f"reports {name}", "remove its cause", now)
+            remedy = ", then ".join(["remove its cause", *filter(None, [reset_command(self._rig, i)])])
+            return self._health_fault(FaultKind.HARDWARE_ERROR, i, f"reports {name}", remedy, now)
         limp = health.valid & ~health.torque_on
         if torque_wanted and limp.any():
             return self._health_fault(
                 FaultKind.TORQUE_LOST,
                 int(np.argmax(limp)),
                 "torque is off though it was turned on: it restarted or lost power",
-                "check its supply, clear the fault, then arm",
+                "check its supply",
                 now,
             )
         worst = int(np.argmax(self._health_streak))
@@ -204,7 +206,7 @@ class Monitor:
                     FaultKind.LATCH_SENSOR,
                     reading.id,
                     f"says closed at fold {fold:.3f}, where it cannot be",
-                    "check its sensor, then clear the fault",
+                    "check its sensor",
                     now,
                 )
         return None
@@ -222,7 +224,7 @@ class Monitor:
                     FaultKind.LATCH_LOST if reading.valid else FaultKind.LOST_REPLIES,
                     reading.id,
                     f"was confirmed and now is {describe(reading)}",
-                    "look at the latch, then clear the fault",
+                    "look at the latch",
                     now,
                 )
         return None

@@ -65,7 +65,7 @@ class Fault:
     detail
         Value and limit, for people.
     remedy
-        What to do before `clear_fault`.
+        What to do before `clear_fault`; once latched it ends with the command that leads on.
     time_s
         When it was found.
     """

@@ -45,10 +45,10 @@ _OFF_PATH = frozenset({FaultKind.PATH_TOLERANCE, FaultKind.OUT_OF_STEP, FaultKin
 
 _LOOK = {
     FaultKind.SEATING_EARLY: "see what is in its slit; if nothing is, correct zero_rad of its hinge or raise "
-    "seating_effort; then clear the fault",
-    FaultKind.SEATING_UNEVEN: "see what holds this cell, and compare zero_rad of the hinges; then clear the fault",
+    "seating_effort",
+    FaultKind.SEATING_UNEVEN: "see what holds this cell, and compare zero_rad of the hinges",
     FaultKind.SEATING_LATE: "see whether its slit is closed: if so look at the latch, if not correct zero_rad of its "
-    "hinge; then clear the fault",
+    "hinge",
 }
 
 

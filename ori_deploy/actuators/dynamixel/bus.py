@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ori_deploy.actuators.bus import (
     ActuatorBus,
-    ActuatorFault,
     BusClosed,
     BusError,
     BusTimeout,
@@ -38,6 +37,7 @@ from ori_deploy.actuators.dynamixel.startup import (
     name_of,
     read,
     restarted,
+    unwell,
     write,
 )
 from ori_deploy.actuators.dynamixel.throughput import (
@@ -349,7 +349,7 @@ class DynamixelBus(ActuatorBus):
         for servo in self._wiring.hinges:
             errors = hardware_error(read(self._line, servo.id, servo.model.table.hardware_error_status))
             if errors:
-                raise ActuatorFault(servo.name, f"reports {errors.name}, torque stays off; remedy: clear the fault")
+                raise unwell(servo, f"reports {errors.name}, torque stays off")
         self._stop_watching()
         self._send_goals()  # again: a servo whose watchdog had tripped took none
         for servo, goal in zip(self._wiring.hinges, self._goal, strict=True):
@@ -376,7 +376,7 @@ class DynamixelBus(ActuatorBus):
             write(self._line, servo.id, table.torque_enable, 1)
             kept = read(self._line, servo.id, table.goal_position) == goal
             if not read(self._line, servo.id, table.torque_enable) or not kept or restarted(self._line, (servo,)):
-                raise ActuatorFault(servo.name, "takes no torque; all torque is off; remedy: clear the fault")
+                raise unwell(servo, "takes no torque; all torque is off")
         except BusError:
             self._torque_off()
             raise

@@ -118,14 +118,14 @@ class Decoder:
         if lost.any():
             raise ActuatorRestarted(
                 self._names[int(np.argmax(lost))],
-                "its settings are those of a restart, its torque is off; remedy: check its supply, "
-                "clear the fault, then arm",
+                "its settings are those of a restart, its torque is off; remedy: check its supply",
             )
         tripped = valid & (data["watchdog"] < 0)
         if tripped.any():
             raise WatchdogTripped(
                 self._names[int(np.argmax(tripped))],
-                f"heard nothing for {watchdog_s:g} s and stopped where it was; remedy: clear the fault, then arm",
+                f"heard nothing for {watchdog_s:g} s and stopped where it was; remedy: check the cable and what else "
+                "loads the computer",
             )
         return HealthReadings(
             temperature_c=np.where(valid, data["temperature"].astype(np.float64), np.nan),

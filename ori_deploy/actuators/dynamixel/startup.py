@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
-from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
+from ori_deploy.actuators.bus import ActuatorFault, BusTimeout, CommandRefused, CorruptReply
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine, ServoRefused
 from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo, PinServo, Wiring
@@ -130,6 +130,11 @@ def configure(line: ServoLine, servo: HingeServo | PinServo, settings: Dynamixel
                 f"{name_of(servo)} (id {servo.id}): {register.name} reads {kept} after {value} was written; "
                 "remedy: restart it (ori-deploy bus reset-error), or replace it"
             )
+
+
+def unwell(servo: HingeServo, what: str) -> ActuatorFault:
+    """An error of a servo's own, which only its restart clears."""
+    return ActuatorFault(servo.name, f"{what}; remedy: remove its cause, then ori-deploy bus reset-error {servo.id}")
 
 
 def clear_trip(line: ServoLine, servo: HingeServo | PinServo) -> None:
