@@ -20,7 +20,7 @@ from tests.campaign.soak import soak
 from tests.campaign.times import ENOUGH, worst
 from tests.campaign.trial import run_trial
 
-TIMED_STAGES = ("open", "close")
+TIMED_STAGES = ("open", "close", "recover")
 """Where all cells, or some, are moving."""
 
 

@@ -51,8 +51,10 @@ def _cause(
     return Cause(name, frozenset(kinds), passes, notice_s, pauses, stages)
 
 
-STAGES = ("armed", "unlock", "open", "latch", "deployed", "unlatch", "close", "lock")
-"""Where a fault is injected."""
+STAGES = (
+    "armed", "unlock", "open", "seat", "latch", "deployed", "unlatch", "close", "lock", "free", "recover"
+)  # fmt: skip
+"""Where a fault is injected; "seat" is the end of "open", where slits close."""
 
 SEATING = "seat"
 MOVING = frozenset({"open", "close", "seat"})
@@ -84,6 +86,9 @@ CAUSES: tuple[Cause, ...] = (
     _cause("board's emergency stop", K.HARDWARE_ERROR, notice_s=0.1),
     _cause("board hangs", K.PATH_TOLERANCE, K.RESTARTED, K.LOST_REPLIES, K.WATCHDOG, K.BUS_ERROR, K.HARDWARE_ERROR),
     _cause("emergency stop", K.EMERGENCY_STOP, notice_s=0.01),
+    _cause("slit touches early", K.SEATING_EARLY, stages=_SLITS),
+    _cause("slits touch unevenly", K.SEATING_UNEVEN, stages=_SLITS),
+    _cause("slit does not close", K.SEATING_LATE, stages=_SLITS),
 )
 
 TIMED = ("silence", "garbage", "hardware error", "jam", "emergency stop")

@@ -328,7 +328,6 @@ def board(folder: Path, start: Start, seed: int) -> Iterator[Ground]:
             "late loop": lambda _: _blocked(watch, setup.rig.rate_hz),
             "board's emergency stop": lambda _: device.estop(True),
             "board hangs": lambda _: device.hang(),
-            "slit touches early": lambda k: device.jam(k),
             "slit does not close": stick,
         }
         # Not the controller of the setup: this one's clock watches the shafts.

@@ -98,3 +98,17 @@ def judge_recovery(trial: Trial, ground: Ground) -> None:
             fastest = max(fastest, float(step.max()) / ground.period_s)
     if fastest > limit:
         trial.violations.append(f"cells are brought into step with {fastest:.3f} rad/s; limit: {limit:.3f}")
+
+
+def judge_uninvited(trial: Trial, ground: Ground, what: str) -> None:
+    """A fault or a refusal before anything was injected, unless the machine may have brought it about."""
+    told = f"before anything was injected: {what}"
+    trial.ended = "not begun"
+    late_s = 0.0
+    if ground.real_time:
+        ground.watch.end()
+        late_s = ground.watch.late_s(ground.watch.looks[0].time_s, ground.watch.now())
+    if late_s > ground.period_s:
+        trial.not_judged.append(f"{told}; the machine was late by {late_s:.3f} s until then")
+    else:
+        trial.violations.append(told)

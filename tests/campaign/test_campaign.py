@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ori_deploy.clock import VirtualClock
-from tests.campaign.faults import CAUSES, STAGES, Cause
+from tests.campaign.faults import CAUSES, SEATS, STAGES, Cause
 from tests.campaign.grounds import available
 from tests.campaign.outcome import Trial
 from tests.campaign.soak import soak
@@ -41,6 +41,8 @@ SAMPLE = (
     ("unplugged", "open"),
     ("hardware error", "close"),
     ("low supply", "open"),
+    ("silence", "recover"),
+    ("slit does not close", "seat"),
     ("board's emergency stop", "close"),
     ("emergency stop", "open"),
 )
@@ -82,6 +84,10 @@ def test_a_quantile_is_called_one_only_of_enough_trials() -> None:
     assert worst(times[:-1]) == ("0.999", f"worst of {ENOUGH - 1}")
     assert worst(times) == ("1.000", f"p99.9 of {ENOUGH}")
     assert worst([None]) == ("-", "-")
+
+
+def test_every_kind_of_seating_fault_is_reached() -> None:
+    assert {kind for cause in CAUSES if cause.stages for kind in cause.kinds} == SEATS
 
 
 @pytest.mark.parametrize(("late_s", "broken", "unjudged"), [(0.0, 1, 0), (0.01, 1, 0), (0.06, 0, 1)])

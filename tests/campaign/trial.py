@@ -14,7 +14,7 @@ from ori_deploy.deploy.states import IllegalCommand, State
 from ori_deploy.motion.recovery import Recovery
 from tests.campaign.faults import MOVING, RECOVERY, SEATING, Cause
 from tests.campaign.grounds import DEPLOYED, GROUNDS, STOWED, Ground, Start
-from tests.campaign.judging import judge_ending, judge_goals, judge_recovery, judge_rest
+from tests.campaign.judging import judge_ending, judge_goals, judge_recovery, judge_rest, judge_uninvited
 from tests.campaign.outcome import Trial
 from tests.campaign.times import judge_times
 
@@ -50,7 +50,20 @@ def run_trial(
         if cause.name not in ground.faults and cause.name not in OWN:
             return None
         hinge = int(generator.integers(ground.n))
-        if not _reach(ground, stage, hinge, generator):
+        if ground.real_time:
+            ground.watch.begin()
+        try:
+            reached = _reach(ground, stage, hinge, generator)
+        except (BusError, IllegalCommand, StartRefused) as refused:
+            judge_uninvited(trial, ground, repr(refused))
+            return trial
+        if ground.controller.fault is not None:
+            judge_uninvited(trial, ground, str(ground.controller.fault))
+            return trial
+        if not reached and stage in MOVING | {"recover"}:
+            judge_uninvited(trial, ground, "it never got there")
+            return trial
+        if not reached:
             return None  # a stage that this backend passes at once
         if not ground.real_time:  # there, any moment between two cycles is as likely as any other by itself
             ground.watch.sleep_until(ground.watch.now() + generator.uniform(0.0, ground.period_s))
@@ -106,8 +119,8 @@ def _reach_stage(ground: Ground, stage: str, generator: np.random.Generator) -> 
         record = ground.controller.step()
         there = record.stage == wanted
         if stage in MOVING:
-            passed = record.commanded_fold >= fold if wanted == "open" else record.commanded_fold <= fold
-            there = there and passed and record.rate != 0.0
+            at = record.folds.min() if stage == SEATING else record.commanded_fold  # a board's goals are far ahead
+            there = there and (at >= fold if wanted == "open" else at <= fold) and record.rate != 0.0
         if there:
             return True
     return False
@@ -130,13 +143,18 @@ def _reach_recovery(ground: Ground, stage: str, hinge: int, generator: np.random
     controller.deploy()
     while controller.under_way and not (controller.step().commanded_fold > HALF_WAY + 0.05):
         pass
+    if controller.fault is not None:
+        return False
     controller.stop()
-    controller.run()
+    if controller.run().fault is not None:
+        return False
     controller.disarm()
+    _steps(ground, 5)  # a board goes on with pulses for some frames
     cell = hinge if generator.random() < 0.75 else int(generator.integers(ground.n))
     _push(ground, cell, float(generator.choice([-1.0, 1.0]) * generator.uniform(*PUSH)))
     if "pin" in ground.bus.latch_ids:
         ground.bus.engage("pin")
+    _steps(ground, 10)  # feedback follows the hand
     controller.arm()
     _steps(ground, 5)
     target, begun = recover(ground), ground.records[-1].folds[cell]
