@@ -24,6 +24,7 @@ class Entry(NamedTuple):
 
 ENTRIES: Mapping[str, Entry] = MappingProxyType(
     {
+        "aircraft": Entry("aircraft", "aircraft", "Print what flies on a deployable wing, beside what was published."),
         "bus": Entry("bus", "bus", "Find, name, calibrate and watch single Dynamixel servos."),
         "demo": Entry("demo", "demo", "Design, plan, deploy and stow a simulated wing; report."),
         "deploy": Entry("motions", "deploy", "Carry PLAN out: unlock, open, latch."),
@@ -31,6 +32,7 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
         "doctor": Entry("doctor", "doctor", "Check port, servos or board, and rig; say what to do."),
         "estop": Entry("operate", "estop", "Stop a running motion as fast as can be, as a fault."),
         "figures": Entry("figures", "figures", "Make the paper's figures, with their data."),
+        "gcs": Entry("gcs", "gcs", "Command a structure on a vehicle's MAVLink network."),
         "layouts": Entry("layouts", "layouts_command", "List and draw every layout of K cells."),
         "limit": Entry("limit", "limit", "Print how much packaging every further cell buys."),
         "mcu": Entry("mcu", "mcu", "Flash, configure and watch a microcontroller."),
@@ -41,6 +43,7 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
         "replay": Entry("replay", "replay", "Have the controller decide a LOG again, and compare."),
         "report": Entry("report", "report", "Make a page of figures from a flight LOG."),
         "resume": Entry("operate", "resume", "Go on with a motion that is paused."),
+        "serve": Entry("serve", "serve", "Stay, and take orders from a MAVLink network."),
         "size": Entry("size", "size", "Print the torque that every driven hinge of DESIGN needs."),
         "status": Entry("operate", "status", "Tell what a running controller is doing."),
         "stop": Entry("operate", "stop", "Bring a running motion to rest and give it up."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -88,13 +88,6 @@ class Interlock(Protocol):
         """Why DEPLOY or STOW may not be begun, or gone on with, now; None where it may."""
 
 
-class NoInterlock:
-    """Nothing around the structure matters: a bench."""
-
-    def refuses(self, do: Do, force: bool) -> Refusal | None:
-        return None
-
-
 @dataclass(frozen=True, slots=True)
 class Session:
     """What is being carried out, from which files: absolute paths; no log is None."""
@@ -120,7 +113,7 @@ class Desk:
     orders
         Takes orders to deploy and to stow; None where the session was started for one command.
     interlock
-        Is asked before every motion that somebody orders or resumes.
+        Is asked before every motion that somebody orders or resumes; None on a bench.
 
     Attributes
     ----------
@@ -145,7 +138,7 @@ class Desk:
     ) -> None:
         self._controller, self._session = controller, session
         self._orders = orders
-        self._interlock: Interlock = interlock or NoInterlock()
+        self._interlock = interlock
         self._duration_s = float(plan.time_s[-1])
         self._stows = frozenset(plan.stow_stages)
         self._due = DueGoals(rig, bus)
@@ -164,6 +157,11 @@ class Desk:
             self.command = "stow" if record.stage in self._stows else "deploy"
         if record.latches is not None:
             self._latches = tuple(LatchStatus(one.id, one.engaged, one.confirmed) for one in record.latches)
+
+    @property
+    def fault(self) -> Fault | None:
+        """The controller's latched fault."""
+        return self._controller.fault
 
     @property
     def at_rest(self) -> bool:
@@ -203,7 +201,7 @@ class Desk:
             do = Do.STOW if self.command == "stow" else Do.DEPLOY
             if self.forced:
                 return None
-        if do not in (Do.DEPLOY, Do.STOW):
+        if self._interlock is None or do not in (Do.DEPLOY, Do.STOW):
             return None
         return self._interlock.refuses(do, request.force)
 
@@ -212,6 +210,8 @@ class Desk:
         return Answer(True, self._controller.state, self.at_rest, fault=self._fault(), status=status)
 
     def _carry_out(self, do: Do, who: str) -> Answer:
+        if do is Do.PAUSE and self._controller.state is State.HOLD:
+            return replace(self.told(), why="paused already")
         if do is Do.PAUSE:
             self._controller.hold()
         elif do is Do.RESUME:

@@ -1,0 +1,253 @@
+"""`ori-deploy serve`: a controller that stays, and takes its orders from a vehicle's network or another terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ori_deploy.actuators.bus import ActuatorBus
+from ori_deploy.actuators.resolve import ResolvedRig
+from ori_deploy.cli.flight import controller_for, flight_recorder
+from ori_deploy.cli.frame import IN, OUT, console, example
+from ori_deploy.cli.journal import journal
+from ori_deploy.cli.live import Live
+from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
+from ori_deploy.cli.steps import refuse_overwriting
+from ori_deploy.clock import Clock, MonotonicClock
+from ori_deploy.deploy.controller import Controller
+from ori_deploy.deploy.states import State
+from ori_deploy.files import load_plan
+from ori_deploy.motion import Plan
+from ori_deploy.operate.desk import Desk, Interlock, Session
+from ori_deploy.operate.orders import StandingOrders
+from ori_deploy.operate.server import OperatorSocket
+from ori_deploy.telemetry.recorder import Recorder
+
+if TYPE_CHECKING:
+    from ori_deploy.mav.network import Network
+    from ori_deploy.mav.settings import Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serving:
+    """How it is served.
+
+    Attributes
+    ----------
+    log, port, mcu_port, journal, trust_measured, stands, span_unfolded
+        As for one command.
+    start
+        Where simulated servos of the mock are found.
+    """
+
+    log: Path | None = None
+    port: str | None = None
+    mcu_port: str | None = None
+    journal: Path | None = None
+    trust_measured: bool = False
+    stands: Place | None = None
+    span_unfolded: bool = False
+    start: Place = "stowed"
+
+
+def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how: Serving) -> None:
+    """Take orders until a signal comes; what is under way then is brought to rest along its path.
+
+    Parameters
+    ----------
+    plan_path, rig_path
+        Files.
+    settings
+        Of the vehicle's network; None for other terminals alone.
+    how
+        The rest.
+
+    Raises
+    ------
+    InputError
+        Plan or rig cannot be used.
+    BusError, LinksFailed
+        The bus, or the network, cannot be opened.
+    """
+    if how.log is not None:
+        refuse_overwriting(how.log, plan_path, rig_path)
+    plan = load_plan(plan_path)
+    rig = rig_for(rig_path, plan)
+    clock = MonotonicClock()
+    bus = make_bus(rig, plan, clock, how.start, how.port, how.stands, how.mcu_port)
+    session = Session(plan_path.absolute(), rig_path.absolute(), how.log and how.log.absolute())
+    with (
+        StopRequest() as stop,
+        Live(rig, real=True) as live,
+        flight_recorder(how.log, plan_path, rig_path, plan, rig, clock) as recorder,
+        journal(how.journal, rig_path, rig, how.port, clock) as left_word,
+        controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,
+    ):
+        live.begin("connect")
+        controller.connect()
+        tell_advice(bus)
+        if how.trust_measured:
+            controller.trust_measured()
+        orders = StandingOrders(
+            controller,
+            clock,
+            1.0 / rig.rate_hz,
+            lambda: vouch_for(bus, rig, plan, how.stands),
+            span_unfolded=how.span_unfolded,
+        )
+        with (
+            _network(settings, controller, session, plan, rig, bus, clock, orders) as (desk, network),
+            OperatorSocket(desk) as socket,
+            punctual(True),
+        ):
+            console.print(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it", markup=False)
+            _Loop(controller, orders, stop, socket, network, recorder, live).run()
+
+
+@contextmanager
+def _network(
+    settings: Settings | None,
+    controller: Controller,
+    session: Session,
+    plan: Plan,
+    rig: ResolvedRig,
+    bus: ActuatorBus,
+    clock: Clock,
+    orders: StandingOrders,
+) -> Iterator[tuple[Desk, Network | None]]:
+    """The desk, with the network's interlock and bridge where there is a network."""
+
+    def desk_with(interlock: Interlock | None) -> Desk:
+        desk = Desk(controller, session, plan, rig, bus, clock.now(), orders, interlock)
+        controller.add_observer(desk)
+        return desk
+
+    if settings is None:
+        yield desk_with(None), None
+        return
+    from ori_deploy.mav.interlock import VehicleInterlock
+    from ori_deploy.mav.network import Network
+
+    interlock = VehicleInterlock(settings.deploy_when, settings.facts_fresh_s, settings.force_allowed, clock.now)
+    desk = desk_with(interlock)
+    with Network(settings, desk, controller, interlock, rig, clock.now) as network:
+        controller.add_observer(network)
+        yield desk, network
+
+
+@dataclass
+class _Loop:
+    """Cycle after cycle, until somebody ends it."""
+
+    controller: Controller
+    orders: StandingOrders
+    stop: StopRequest
+    socket: OperatorSocket
+    network: Network | None
+    recorder: Recorder | None
+    live: Live
+
+    def run(self) -> None:
+        """Until a signal, and until what is under way then has come to rest."""
+        told = False
+        while not self.stop.requested or self.controller.under_way:
+            if self.stop.requested and self.controller.state in (State.MOVING, State.LATCHING):
+                self.controller.stop()
+            was_running = self.orders.running
+            if not self.stop.requested:
+                self.socket.poll()
+                if self.network is not None:
+                    self.network.poll()
+            if self.orders.running and not was_running:
+                self.live.begin("order")
+            self._cycle()
+            told = self._tell_held(told)
+
+    def _cycle(self) -> None:
+        result = self.orders.step()
+        if result is None:
+            return
+        self.live.end(result)
+        if self.recorder is not None:
+            self.recorder.write_result(result)
+        if self.network is not None:
+            self.network.ended(result)
+
+    def _tell_held(self, told: bool) -> bool:
+        held = self.controller.state is State.HOLD
+        if held and not told:
+            console.print("held: another order goes on or turns round; `ori-deploy stop` gives it up", markup=False)
+        return held
+
+
+def _where(settings: Settings | None) -> str:
+    if settings is None:
+        return "orders from other terminals"
+    who = f"system {settings.system_id} component {settings.component_id}"
+    return f"{who} on {', '.join(map(str, settings.links))}"
+
+
+def _options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(
+        (
+            click.argument("plan_file", metavar="PLAN", type=IN),
+            click.option("--rig", type=IN, required=True, help="Rig file the plan was made with."),
+            click.option("--mavlink", type=IN, help="Settings of the MAVLink component."),
+            click.option(
+                "--link",
+                "links",
+                multiple=True,
+                help="As udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD; instead "
+                "of those in the settings; several times for several.",
+            ),
+            click.option("--beyond-loopback", is_flag=True, help="Listen to other machines, too."),
+            click.option("--log", type=OUT, help="Flight log to write (MCAP)."),
+            click.option("--port", help="Device of the bus, instead of the one in the rig."),
+            click.option("--mcu-port", help="Device of a microcontroller that has latches alone."),
+            click.option(
+                "--stands",
+                type=click.Choice(["stowed", "deployed"]),
+                help="Your word for where the structure stands, where servos alone cannot tell.",
+            ),
+            click.option("--journal", type=OUT, help="Where word is left before each stage."),
+            click.option(
+                "--trust-measured",
+                is_flag=True,
+                help="Your word that it stands as measured, whatever the journal says.",
+            ),
+            click.option("--span-unfolded", is_flag=True, help="Your word that a span in segments is unfolded."),
+            click.option(
+                "--start",
+                type=click.Choice(["stowed", "deployed"]),
+                default="stowed",
+                show_default=True,
+                help="Where the mock's simulated servos are found.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+@click.command(epilog=example("ori-deploy serve wing.plan.json --rig rig.toml --mavlink examples/mavlink.toml"))
+@_options
+def serve(
+    plan_file: Path, rig: Path, mavlink: Path | None, links: tuple[str, ...], beyond_loopback: bool, **given: Any
+) -> None:
+    """Stay, and take orders: from ground stations on a MAVLink network, or from another terminal.
+
+    Nothing is powered before the first order.
+    """
+    settings = None
+    if mavlink is not None or links:
+        from ori_deploy.mav.settings import Settings, load_settings, with_links
+
+        settings = Settings(links=()) if mavlink is None else load_settings(mavlink)
+        if links:
+            settings = with_links(settings, links, beyond_loopback)
+    serve_orders(plan_file, rig, settings, Serving(**given))
