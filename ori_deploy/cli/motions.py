@@ -58,6 +58,9 @@ def _motion_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def _tell_end(results: tuple[MotionResult, ...], stopped: StoppedBy | None, ends: str) -> None:
     """Say what did not go as it should, and leave with the status for it."""
+    if not results and stopped is None:
+        click.echo(f"{ends} already: measured there, every latch of that end confirmed; nothing was moved")
+        return
     if not results:
         click.echo("interrupted: before anything moved", err=True)
         sys.exit(EXIT_INTERRUPTED)

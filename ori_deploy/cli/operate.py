@@ -30,6 +30,15 @@ _REST = {
 }
 """Where each command means to come to rest."""
 
+_NEXT = {
+    State.MOVING: "ori-deploy pause, stop or estop",
+    State.LATCHING: "ori-deploy pause, stop or estop",
+    State.HOLD: "ori-deploy resume goes on; ori-deploy stop gives it up; estop",
+    State.STOPPING: "nothing: it comes to rest, and its session ends; estop",
+    State.FAULT: "what the fault's remedy says",
+}
+"""What there is to do for an operator; in other states nothing but an emergency stop."""
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -132,7 +141,8 @@ def _refuse(do: Do, answer: Answer) -> None:
 def _taken(where: Found, do: Do, answer: Answer) -> str:
     rest = "at rest" if answer.at_rest else "not at rest yet"
     fault = "" if answer.fault is None else f"; {answer.fault}"
-    return f"{do}: state {answer.state}, {rest} (pid {where.pid}){fault}"
+    already = "" if answer.why is None else f"{answer.why}, "
+    return f"{do}: {already}state {answer.state}, {rest} (pid {where.pid}){fault}"
 
 
 def _tell_json(where: Found, do: Do, answer: Answer) -> None:
@@ -155,6 +165,7 @@ def _page(now: Status) -> str:
         "done": "not known" if now.progress_percent is None else f"{now.progress_percent:.0f} %",
         "remaining": "not known" if now.remaining_s is None else f"{now.remaining_s:.1f} s at full speed",
         "fault": _or_none(now.fault, "none"),
+        "next": _NEXT.get(now.state, "ori-deploy estop"),
         "tracking": tracking
         + ("" if now.worst_tracking_hinge is None else f" at worst ({now.worst_tracking_hinge})"),
         "latches": f"{closed} of {len(now.latches)} confirmed closed",

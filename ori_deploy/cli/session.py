@@ -217,7 +217,8 @@ def carry_out(
 
     Returns
     -------
-    The plan, a result per command that was begun, and who asked to stop, if anybody did.
+    The plan, a result per command that was begun, and who asked to stop, if anybody did. No result, and nobody who
+    asked: the structure stood locked where the only command would have brought it, and nothing was done.
 
     Raises
     ------
@@ -257,6 +258,8 @@ def carry_out(
             controller.limit_speed(o.speed)
             if not stop.requested:
                 vouch_for(bus, rig, plan, o.stands)
+                if len(commands) == 1 and _is_done(controller, commands[0]):
+                    return plan, (), None
                 controller.arm()
         with operated(controller, plan, rig, bus, clock, session) if real else nullcontext() as operator:
             for command in commands:
@@ -274,6 +277,11 @@ def carry_out(
                 if command != commands[-1]:
                     _dwell(controller, rig, operator)
     return plan, tuple(results), _stopped_by(stop, operator)
+
+
+def _is_done(controller: Controller, command: Command) -> bool:
+    """Whether the structure stands locked where a command would bring it; nothing has to move then."""
+    return command != "recover" and controller.already(command)
 
 
 def _give(controller: Controller, command: Command, options: Options, recover: Callable[[], None]) -> None:

@@ -152,6 +152,25 @@ class Controller(Cycle):
         """Somebody looked: the structure stands as measured, whatever the journal says. Moves nothing."""
         self._left_word = None
 
+    def already(self, command: str) -> bool:
+        """Whether the structure is where "deploy" or "stow" would end: measured, locked, and no word against it.
+
+        Nothing moves and no torque goes on. False whenever that is not known: the command then says why.
+        """
+        latches, end = len(self._rig.latches), 0 if command == Event.STOW else -1
+        try:
+            readings, _ = self._fit_to_move(self._clock.now(), holding=False)
+            locks = self._link.bus.read_latches()
+        except (BusError, StartRefused):
+            return False
+        here, there = (locks[latches:], locks[:latches]) if end == 0 else (locks[:latches], locks[latches:])
+        away = self._rig.to_crease(readings.position_rad) - self._rig.to_crease(self._table.shaft_rad[end])
+        return (
+            bool((np.abs(away) <= self._settings.goal_tolerance_rad).all())
+            and all(lock.valid and lock.confirmed is True for lock in here)
+            and not any(lock.confirmed for lock in there)
+        )
+
     def hold(self) -> None:
         """Come to rest along the path and stay."""
         self._do(Event.HOLD)
@@ -286,10 +305,10 @@ class Controller(Cycle):
         self._motion.follow(self._way)
         self._set_out(command, folds, now)
 
-    def _fit_to_move(self, now: float) -> tuple[HingeReadings, FloatArray]:
+    def _fit_to_move(self, now: float, *, holding: bool = True) -> tuple[HingeReadings, FloatArray]:
         """Readings of every hinge and the folds they mean, once every actuator is fit to move."""
         readings = self._link.fresh_readings(self._attempts)
-        unfit = self._monitor.judge_health(self._link.fresh_health(self._attempts), True, now)
+        unfit = self._monitor.judge_health(self._link.fresh_health(self._attempts), holding, now)
         if unfit is not None:
             raise StartRefused(f"{unfit.thing}: {unfit.detail}", remedy=unfit.remedy)
         folds = self._localiser.folds(readings.position_rad)

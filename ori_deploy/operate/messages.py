@@ -145,7 +145,7 @@ class Answer:
     state, at_rest
         Of the controller, after it. None only where the line was no request.
     why
-        Why it was not taken, or None.
+        Why it was not taken, or why there was nothing to do; else None.
     allowed
         What would be allowed in this state; empty where it was taken.
     fault

@@ -130,6 +130,17 @@ def test_deployed_is_where_the_plan_ends(plan: Path, rig: Path, tmp_path: Path) 
         assert all(servo.torque_on for servo in bus.truth().values())  # at_close = "hold"
 
 
+def test_what_is_deployed_already_is_told_so_and_left_alone(plan: Path, rig: Path, tmp_path: Path) -> None:
+    with virtual(plan, tmp_path, "deployed", rig) as bus:
+        words = (plan, "--rig", rig, "--port", tmp_path / "ttyDXL", "--log", "again.mcap")
+        before, limp = shafts(bus), not any(one.torque_on for one in bus.truth().values())
+        done = run("deploy", *words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "deployed already" in done.stdout
+        assert limp == (not any(one.torque_on for one in bus.truth().values()))
+        np.testing.assert_array_equal(shafts(bus), before)
+
+
 @pytest.mark.slow
 def test_kill_9_stops_every_servo_and_the_next_session_knows_where_it_is(
     plan: Path, rig: Path, tmp_path: Path

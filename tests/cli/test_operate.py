@@ -103,11 +103,11 @@ def test_pause_status_resume_deployed(plan: Path, runtime_folder: Path, tmp_path
         )
         assert first["fold"] == second["fold"]
         assert second["cycles"] > first["cycles"]  # held and watched, not asleep
-        refused = asked("pause", "--pid", running.pid, cwd=tmp_path)
-        assert refused.returncode == 3
-        assert refused.stderr == (
-            "error: pause refused: not allowed in state hold; allowed in state hold: status, resume, stop, estop\n"
-        )
+        again = asked("pause", "--wait", "--pid", running.pid, cwd=tmp_path)
+        assert (again.returncode, again.stderr) == (0, "")
+        assert again.stdout.startswith("pause: paused already, state hold, at rest ")
+        page = asked("status", "--pid", running.pid, cwd=tmp_path).stdout
+        assert "next       ori-deploy resume goes on; ori-deploy stop gives it up" in page
         done = asked("resume", "--wait", "--pid", running.pid, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert "state deployed, at rest" in done.stdout

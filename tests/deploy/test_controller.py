@@ -454,3 +454,31 @@ def test_records_carry_what_was_read_and_when() -> None:
     latching = [r for r in b.records if r.state is State.LATCHING and not r.transitions]
     assert latching
     assert all(record.latches is not None for record in latching)
+
+
+@pytest.mark.parametrize("command", ["deploy", "stow"])
+def test_where_a_command_ends_it_is_done_already_and_looking_changes_nothing(command: str) -> None:
+    b = bench(start="deployed" if command == "deploy" else "stowed", armed=False)
+    b.controller.connect()
+    assert b.controller.already(command)
+    assert not b.controller.already("stow" if command == "deploy" else "deploy")
+    assert b.controller.state is State.READY
+    assert not b.bus.read_health().torque_on.any()
+
+
+def test_not_deployed_already_while_that_is_not_known() -> None:
+    """Half-way, a latch that cannot tell, a hinge that is silent: the command itself says what is wrong."""
+    spoils: tuple[Callable[[Bench], None], ...] = (
+        lambda b: b.bus.latch_blind(b.bus.latch_ids[0]),
+        lambda b: b.bus.silence_latches(10),
+        lambda b: b.bus.mute(b.bus.hinge_ids[0]),
+        lambda b: b.bus.push(b.bus.hinge_ids[0], 0.5),
+        lambda b: b.bus.overload(b.bus.hinge_ids[0]),
+        lambda b: b.bus.unplug(),
+    )
+    for spoil in spoils:
+        b = bench(start="deployed", armed=False)
+        b.controller.connect()
+        assert b.controller.already("deploy")
+        spoil(b)
+        assert not b.controller.already("deploy")

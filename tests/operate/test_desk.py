@@ -92,6 +92,17 @@ def test_a_fault_is_told_with_its_remedy() -> None:
     assert refused.fault == answer.fault
 
 
+def test_a_pause_while_paused_changes_nothing_and_is_taken() -> None:
+    b = bench()
+    desk = desk_of(b)
+    assert not desk.answer(Request(Do.PAUSE), "too early").took
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    assert desk.answer(Request(Do.PAUSE), "the test").why is None
+    again = desk.answer(Request(Do.PAUSE), "the test")
+    assert (again.took, again.state, again.why) == (True, State.HOLD, "paused already")
+
+
 def test_stop_is_remembered_and_only_when_it_was_taken() -> None:
     b = bench()
     desk = desk_of(b)
