@@ -235,9 +235,11 @@ class Links:
         if party == self._party:
             self._echoes += 1
             return
-        known.heard_s = self._now()
+        is_new, known.heard_s = known.heard_s is None, self._now()
         if at in self._known:
             self._known.move_to_end(at)
+            if is_new:
+                self._bound_peers(at)
         heard.append(Heard(message, known.peer, party.system, party.component))
 
     # -- peers -----------------------------------------------------------------------------------------

@@ -41,10 +41,11 @@ def load_key(path: Path) -> bytes:
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        with os.fdopen(handle, "rb") as file:
-            mode = os.fstat(file.fileno()).st_mode
-            _check(path, mode)
-            content = file.read(MOST_BYTES + 1)
+        try:
+            _check(path, os.fstat(handle).st_mode)
+            content = os.read(handle, MOST_BYTES + 1)
+        finally:
+            os.close(handle)
     except OSError as wrong:
         raise FileError(
             f"{path}: the signing key cannot be read",
@@ -74,13 +75,13 @@ def _check(path: Path, mode: int) -> None:
 
 
 def _key(content: bytes) -> bytes | None:
-    if len(content) == KEY_BYTES:
-        return content
     line = content.rstrip(b"\r\n")
     if line.startswith(PASSPHRASE):
         phrase = line.removeprefix(PASSPHRASE)
         usable = phrase and b"\n" not in phrase and len(content) <= MOST_BYTES
         return hashlib.sha256(phrase).digest() if usable else None
+    if len(content) == KEY_BYTES:
+        return content
     try:
         key = bytes.fromhex(line.decode("ascii"))
     except ValueError:

@@ -132,6 +132,7 @@ class Reader:
             self._in_step = True
             if self._believed(header, frame):
                 self._frames += 1
+                message._signed = header.signed and self._signing is not None
                 yield message
 
     def _seek(self) -> _Header | None:
