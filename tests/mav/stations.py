@@ -47,7 +47,7 @@ class Program:
         self._own_home = home is None
         self._home = home if home is not None else Path(tempfile.mkdtemp(prefix="od-mav-"))
         self._lines: list[str] = []
-        self._cursor = 0
+        self._cursors = {"events": 0, "answers": 0}
         self._ended = False
         self._changed = threading.Condition()
 
@@ -91,17 +91,7 @@ class Program:
 
     def wait_for(self, pattern: str, within: float = 20.0) -> re.Match[str]:
         """The next line with this in it, after the last one that was waited for."""
-        deadline = time.monotonic() + within
-        with self._changed:
-            while True:
-                found = self._next(pattern)
-                if found is not None:
-                    return found
-                left = deadline - time.monotonic()
-                if self._ended or left <= 0.0:
-                    break
-                self._changed.wait(left)
-        raise AssertionError(f"no line with {pattern!r} from {self._words[1:2]}; {self.story()}")
+        return self._wait("events", pattern, within)
 
     def seen(self, pattern: str) -> list[re.Match[str]]:
         """Every line so far with this in it."""
@@ -134,10 +124,23 @@ class Program:
         """A line without what is no part of it."""
         return line
 
-    def _next(self, pattern: str) -> re.Match[str] | None:
-        for number in range(self._cursor, len(self._lines)):
+    def _wait(self, reader: str, pattern: str, within: float) -> re.Match[str]:
+        deadline = time.monotonic() + within
+        with self._changed:
+            while True:
+                found = self._next(reader, pattern)
+                if found is not None:
+                    return found
+                left = deadline - time.monotonic()
+                if self._ended or left <= 0.0:
+                    break
+                self._changed.wait(left)
+        raise AssertionError(f"no line with {pattern!r} from {self._words[1:2]}; {self.story()}")
+
+    def _next(self, reader: str, pattern: str) -> re.Match[str] | None:
+        for number in range(self._cursors[reader], len(self._lines)):
             if found := re.search(pattern, self._lines[number]):
-                self._cursor = number + 1
+                self._cursors[reader] = number + 1
                 return found
         return None
 
@@ -159,9 +162,9 @@ class Told(Program):
         self.wait_for("^event ready")
 
     def tell(self, line: str, within: float = 20.0) -> str:
-        """What it answered after `ok`."""
+        """What it answered after `ok`; an event that came first is still there to be waited for."""
         self.send(line)
-        answer = self.wait_for("^(ok|error:) ?(.*)", within)
+        answer = self._wait("answers", "^(ok|error:) ?(.*)", within)
         assert answer[1] == "ok", f"{line!r}: {answer[0]}"
         return answer[2]
 
@@ -211,7 +214,7 @@ class MavsdkStation(Told):
         self.tell(" ".join([kind, str(component), str(command), *(str(param) for param in params)]))
 
     def final(self, within: float = 30.0) -> int:
-        """The MAV_RESULT that ended the last command."""
+        """The MAV_RESULT that ended the last command; the `event ack` of the same may come before it or after."""
         return int(self.wait_for(r"^event final .*result=(\d+)", within)[1])
 
 
