@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import mavutil
 
@@ -164,6 +164,7 @@ def test_what_is_no_link_is_refused(text: str, says: str) -> None:
     assert says in str(refused.value)
 
 
+@settings(deadline=None)
 @given(st.text(max_size=30), st.sampled_from(["", "udpin:", "tcp:", "serial:"]))
 def test_any_text_is_a_link_or_refused(text: str, kind: str) -> None:
     try:
@@ -292,6 +293,50 @@ def test_who_floods_leaves_the_others_their_turn(ours: Links) -> None:
         first: list[Heard] = []
         calls = [first, *(ours.receive(1.0) for _ in range(2))]
     assert 255 in {h.system for call in calls for h in call}
+
+
+def test_a_flood_on_one_link_leaves_the_others_their_turn() -> None:
+    """Many senders on the first link, each with as much as its turn takes, call after call."""
+    with (
+        Links([parse_link("udpin:127.0.0.1:0"), parse_link("tcpin:127.0.0.1:0")], US) as ours,
+        socket.create_connection(("127.0.0.1", ours.bound()[1].number)) as station,
+    ):
+        until(lambda: ours.receive(0.1) or ours.peers())
+        sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(8)]
+        writer = Writer(Party(9, 9))
+        packed = b"".join(writer.pack(HEARTBEAT) for _ in range(PEER_FRAMES))
+        calls: list[list[Heard]] = []
+
+        def flooded() -> bool:
+            for sender in sockets:
+                datagrams(ours, packed, packed, sender=sender)
+            calls.append(ours.receive(1.0))
+            return any(h.system == 255 for h in calls[-1])
+
+        for _ in range(10):
+            flooded()
+        station.sendall(Writer(STATION).pack(HEARTBEAT))
+        calls.clear()
+        try:
+            until(flooded)
+        finally:
+            for sender in sockets:
+                sender.close()
+        assert len(calls) <= 4
+        assert min(map(len, calls)) >= MOST_FRAMES // 2
+
+
+def test_garbage_leaves_the_others_their_turn() -> None:
+    with (
+        Links([parse_link("udpin:127.0.0.1:0"), parse_link("tcpin:127.0.0.1:0")], US) as ours,
+        socket.create_connection(("127.0.0.1", ours.bound()[1].number)) as station,
+    ):
+        until(lambda: ours.receive(0.1) or ours.peers())
+        garbage = bytes((0xFD, 255, 1, 0, 0)) * 800
+        datagrams(ours, *[garbage] * 32)
+        station.sendall(Writer(STATION).pack(HEARTBEAT))
+        calls = [ours.receive(1.0) for _ in range(4)]
+        assert any(h.system == 255 for call in calls for h in call)
 
 
 def test_more_than_can_wait_is_dropped_and_counted(ours: Links) -> None:
