@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from benchmarks import control, dynamixel, geometry, layouts, mcu, realtime, recording, search
+from benchmarks import control, dynamixel, geometry, layouts, mavlink, mcu, realtime, recording, search
 
 geometry.main()
 control.main()
 realtime.main()
 recording.main()
+mavlink.main()
 dynamixel.main()
 mcu.main()
 layouts.main()

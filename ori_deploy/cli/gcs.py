@@ -86,8 +86,13 @@ def _progress() -> Callable[[int], None]:
     return show
 
 
-def _end(verdict: Verdict) -> None:
+def _end(verdict: Verdict, *, as_json: bool = False) -> None:
     """Say how it ended, and leave with the status for it."""
+    if as_json:
+        click.echo(json.dumps({"result": verdict.result.name.lower(), "reason": verdict.reason}))
+        if verdict.accepted:
+            return
+        sys.exit(EXIT_REFUSED if verdict.refused else EXIT_NOT_DONE)
     if console.is_terminal:
         console.print("\r", end="")
     if verdict.accepted:
@@ -101,10 +106,11 @@ def _motion(name: str, text: str) -> None:
     @gcs.command(name, help=text, epilog=example(f"ori-deploy gcs {name} --link {DEFAULT_LINK}"))
     @_link_options
     @click.option("--force", is_flag=True, help="Past the interlock, where the component's settings allow it.")
-    def command(force: bool, **link: Any) -> None:
+    @click.option("--json", "as_json", is_flag=True, help="Answer with JSON, at the end.")
+    def command(force: bool, as_json: bool, **link: Any) -> None:
         with _station(**link) as station:
             move = station.deploy if name == "deploy" else station.fold
-            _end(move(force=force, progress=_progress()))
+            _end(move(force=force, progress=None if as_json else _progress()), as_json=as_json)
 
 
 _motion("deploy", "Deploy and lock the structure; ends when every latch is confirmed, or says why not.")

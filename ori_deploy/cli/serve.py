@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from ori_deploy.deploy.states import State
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
 from ori_deploy.operate.desk import Desk, Interlock, Session
+from ori_deploy.operate.messages import Answer, Request
 from ori_deploy.operate.orders import StandingOrders
 from ori_deploy.operate.server import OperatorSocket
 from ori_deploy.telemetry.recorder import Recorder
@@ -101,7 +103,7 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
             span_unfolded=how.span_unfolded,
         )
         with (
-            _network(settings, controller, session, plan, rig, bus, clock, orders) as (desk, network),
+            _network(settings, controller, session, plan, rig, bus, clock, orders, recorder) as (desk, network),
             OperatorSocket(desk) as socket,
             punctual(True),
         ):
@@ -119,11 +121,13 @@ def _network(
     bus: ActuatorBus,
     clock: Clock,
     orders: StandingOrders,
+    recorder: Recorder | None,
 ) -> Iterator[tuple[Desk, Network | None]]:
     """The desk, with the network's interlock and bridge where there is a network."""
 
     def desk_with(interlock: Interlock | None) -> Desk:
-        desk = Desk(controller, session, plan, rig, bus, clock.now(), orders, interlock)
+        noted = None if recorder is None else partial(_note, recorder)
+        desk = Desk(controller, session, plan, rig, bus, clock.now(), orders, interlock, noted)
         controller.add_observer(desk)
         return desk
 
@@ -138,6 +142,14 @@ def _network(
     with Network(settings, desk, controller, interlock, rig, clock.now) as network:
         controller.add_observer(network)
         yield desk, network
+
+
+def _note(recorder: Recorder, request: Request, who: str, answer: Answer) -> None:
+    """Put an order into the flight log: who gave it, whether by force, and what became of it."""
+    by = f"{who}, FORCED" if request.force else who
+    recorder.command(
+        f"order {request.do}", by, "taken" if answer.took else "refused", answer.why or "", str(answer.state or "")
+    )
 
 
 @dataclass
@@ -202,8 +214,8 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
                 "--link",
                 "links",
                 multiple=True,
-                help="As udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD; instead "
-                "of those in the settings; several times for several.",
+                help="As udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD; "
+                "instead of those in the settings; several times for several.",
             ),
             click.option("--beyond-loopback", is_flag=True, help="Listen to other machines, too."),
             click.option("--log", type=OUT, help="Flight log to write (MCAP)."),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -114,6 +115,8 @@ class Desk:
         Takes orders to deploy and to stow; None where the session was started for one command.
     interlock
         Is asked before every motion that somebody orders or resumes; None on a bench.
+    noted
+        Called with what was asked, by whom, and what became of it, for the log; not for a status.
 
     Attributes
     ----------
@@ -135,10 +138,12 @@ class Desk:
         now: float,
         orders: Orders | None = None,
         interlock: Interlock | None = None,
+        noted: Callable[[Request, str, Answer], None] | None = None,
     ) -> None:
         self._controller, self._session = controller, session
         self._orders = orders
         self._interlock = interlock
+        self._noted = noted
         self._duration_s = float(plan.time_s[-1])
         self._stows = frozenset(plan.stow_stages)
         self._due = DueGoals(rig, bus)
@@ -180,6 +185,13 @@ class Desk:
         """
         if request.do is Do.STATUS:
             return self.told(self.status())
+        answer = self._judged(request, who)
+        if self._noted is not None:
+            self._noted(request, who, answer)
+        return answer
+
+    def _judged(self, request: Request, who: str) -> Answer:
+        """Done, or not and why."""
         refusal = self._interlocked(request)
         if refusal is not None:
             return self._refused(refusal.code, refusal.text)
