@@ -11,8 +11,10 @@ what they overlap grows as the crease goes on, so the poses themselves, ends inc
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -221,7 +223,14 @@ class Interference:
 
     # --- motions -------------------------------------------------------------------------------------
 
-    def first_collision(self, fold: ArrayLike, *, between: bool = True) -> Collision | None:
+    def touching(self, fold: Reals) -> Indices:
+        """Pairs that reach into each other deeper than allowed at one fold (n_cells,)."""
+        pair = np.arange(self.pairs.shape[1])
+        return pair[self.hits(self.mechanism.poses(fold[None, :]), np.zeros_like(pair), pair)]
+
+    def first_collision(
+        self, fold: ArrayLike, *, between: bool = True, pairs: Indices | None = None
+    ) -> Collision | None:
         """The deepest collision found at a motion's first colliding pose, or None.
 
         Parameters
@@ -230,20 +239,22 @@ class Interference:
             (n_poses, n_cells), or (n_poses,) all in step: poses along the motion, straight lines between.
         between
             Whether the intervals between poses are certified too.
+        pairs
+            Which of `pairs` are judged; all by default.
         """
         rows = self._rows(fold)
-        n_pairs = self.pairs.shape[1]
-        block = max(2, _BLOCK // max(n_pairs, 1))
+        judged = np.arange(self.pairs.shape[1]) if pairs is None else pairs
+        block = max(2, _BLOCK // max(len(judged), 1))
         for start in range(0, max(len(rows) - 1, 1), block - 1):
             some = rows[start : start + block]  # one pose more than intervals: blocks share their ends
             poses = self.mechanism.poses(some)
-            pose, pair = (a.ravel() for a in np.indices((len(some), n_pairs)))
+            pose, pair = (a.ravel() for a in np.meshgrid(np.arange(len(some)), judged, indexing="ij"))
             hit = self.hits(poses, pose, pair)
             if hit.any():
                 first = pose[hit].min()
                 return self._worst(some[first], pair[hit & (pose == first)])
             if between and len(some) > 1:
-                found = self._between(some, poses)
+                found = self._between(some, poses, judged)
                 if found is not None:
                     return found
         return None
@@ -255,9 +266,9 @@ class Interference:
         i, j = self.pairs[:, pairs[k]]
         return Collision((ids[i], ids[j]), tuple(float(x) for x in fold), depths[k])
 
-    def _between(self, rows: Reals, poses: Placement) -> Collision | None:
-        """Certify every interval for every pair that shares no crease, halving where needed."""
-        free = np.flatnonzero(~self.hinged)
+    def _between(self, rows: Reals, poses: Placement, judged: Indices) -> Collision | None:
+        """Certify every interval for every judged pair that shares no crease, halving where needed."""
+        free = judged[~self.hinged[judged]]
         interval, pair = (a.ravel() for a in np.meshgrid(np.arange(len(rows) - 1), free, indexing="ij"))
         low, high = rows[:-1], rows[1:]
         at_low, at_high = poses.part(slice(None, -1)), poses.part(slice(1, None))
@@ -298,6 +309,45 @@ class Interference:
                 distance = self._distances(poses, np.full(len(pair), k), pair)
                 touching[pair] = distance <= 1e-9 * self.mechanism.size_m
         return touching
+
+    def first_deeper(self, fold: Reals, pair: int, depth_m: float) -> Collision | None:
+        """Where a pair that touches first gets deeper than a depth along a motion, or None.
+
+        Poses lie so near to each other that a point of one panel moves no farther in the other than the allowed
+        penetration: between two of them it is within half of that.
+
+        Parameters
+        ----------
+        fold
+            (n_poses, n_cells), straight lines between.
+        pair
+            Number of the pair.
+        depth_m
+            The depth; half the allowed penetration on top of it is still taken for it.
+        """
+        core = self._shrunk(depth_m + 0.5 * self.allowed_m, self.pairs[:, pair])
+        if shapely.is_empty(core[self.pairs[:, pair]]).all():  # so thin, nothing could get deeper
+            return self._worst(fold[0], np.array([pair]))
+        for low, high in pairwise(fold):
+            rows = self._near_each_other(low, high, pair)
+            at = np.arange(len(rows))
+            deeper = self._overlap(self.mechanism.poses(rows), at, np.full(len(rows), pair), core)
+            if deeper.any():
+                return self._worst(rows[int(np.argmax(deeper))], np.array([pair]))
+        return None
+
+    def _near_each_other(self, low: Reals, high: Reals, pair: int) -> Reals:
+        """Poses from `low` to `high` between which a pair moves by no more than the allowed penetration."""
+        count = 1
+        while True:
+            rows = low + np.linspace(0.0, 1.0, count + 1)[:, None] * (high - low)
+            poses = self.mechanism.poses(rows)
+            i, j = (np.full(count, panel) for panel in self.pairs[:, pair])
+            ends = poses.part(slice(None, -1)), poses.part(slice(1, None))
+            most = float(self.contact.travel(*ends, np.arange(count), i, j).max())
+            if most <= self.allowed_m:
+                return rows
+            count *= max(2, math.ceil(most / self.allowed_m))
 
     def clearance(self, fold: ArrayLike) -> Clearance:
         """Smallest distance between two panels whose bodies share no crease nor always touch, over poses in step.
