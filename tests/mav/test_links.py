@@ -6,6 +6,7 @@ import os
 import pty
 import select
 import socket
+import struct
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -488,6 +489,23 @@ def test_a_connection_that_ends_is_forgotten() -> None:
             station.sendall(Writer(STATION).pack(HEARTBEAT)[:5])
             until(lambda: ours.receive(0.1) or ours.peers())
         until(lambda: ours.receive(0.1) or not ours.peers())
+
+
+def test_who_resets_its_connection_may_come_again_from_the_same_port() -> None:
+    with Links([parse_link("tcpin:127.0.0.1:0")], US) as ours:
+        port = 0
+        for _ in range(3):
+            with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as station:
+                station.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                station.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                station.bind(("127.0.0.1", port))
+                port = station.getsockname()[1]
+                station.connect(to(ours))
+                station.sendall(Writer(STATION).pack(HEARTBEAT))
+                (heard,) = until(lambda: ours.receive(0.1))
+                ours.send(HEARTBEAT, heard.peer)
+                assert station.recv(100)
+        assert {one.name for one in ours.peers()} == {f"tcp 127.0.0.1:{port}"}
 
 
 def test_connections_are_few_and_strangers_go_first() -> None:

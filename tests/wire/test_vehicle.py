@@ -366,15 +366,13 @@ def test_a_hundred_thousand_fuzzed_frames() -> None:
     assert heard == counts.frames > 10_000
 
 
-@pytest.mark.slow
-def test_all_messages_of_the_dialect_are_read_as_written() -> None:
+def test_all_messages_of_the_dialect_are_read_whatever_they_hold() -> None:
     rng = random.Random(3)
-    reader, writer = Reader(), Writer(US)
+    reader = Reader()
     for kind in dialect.mavlink_map.values():
-        for _ in range(20):
-            payload = rng.randbytes(kind.unpacker.size)
+        for size in (0, 1, kind.unpacker.size, 255, *(rng.randrange(256) for _ in range(6))):
+            payload = rng.randbytes(size)
             body = bytes((len(payload), 0, 0, 0, 1, 140)) + kind.id.to_bytes(3, "little") + payload
             crc = dialect.x25crc(body + bytes((kind.crc_extra,))).crc
             found = kinds(reader.feed(b"\xfd" + body + crc.to_bytes(2, "little")))
             assert found == [kind.msgname]
-    assert writer.pack(HEARTBEAT)

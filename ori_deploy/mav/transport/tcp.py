@@ -99,6 +99,7 @@ class TcpServer:
         except OSError:
             connection.close()
             return
+        self.drop(address)  # who comes again from the same port has given its old connection up
         self._connections[address] = connection
 
     def write(self, key: Key, frame: bytes) -> bool:
