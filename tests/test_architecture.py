@@ -17,7 +17,8 @@ ALLOWED: dict[str, set[str]] = {
     "motion": {"profiles", "layout", "design"},
     "loads": {"profiles", "layout", "design", "motion"},
     "search": {"profiles", "layout", "design", "motion"},
-    "files": {"profiles", "layout", "design", "motion", "loads", "search"},
+    "aero": {"profiles", "design", "motion", "loads"},
+    "files": {"profiles", "layout", "design", "motion", "loads", "search", "aero"},
     "figures": {"profiles", "layout", "design", "motion", "search", "files"},
     "wire": set(),
     "actuators": {"wire", "runtime_dir"},
@@ -27,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "telemetry": {"motion", "actuators", "deploy"},
     "mav": {"motion", "actuators", "deploy", "operate", "wire", "files", "telemetry", "runtime_dir"},
     "sweep": {"profiles", "layout", "design", "motion", "files", "search"},
-    "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures"},
+    "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures", "aero"},
 }
 """What each room may import, besides what all may. The command line knows them all."""
 NO_IO = ("profiles", "layout", "design", "motion", "loads")
