@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ori_deploy.files.aircraft_file import load_aircraft
 from ori_deploy.files.design_file import Design, design_data, load_design, pose_data, save_design
 from ori_deploy.files.graph_file import DrawnLayout, load_graph
-from ori_deploy.files.loads_file import load_loads
+from ori_deploy.files.loads_file import load_loads, save_loads
 from ori_deploy.files.plan_file import load_plan, save_plan
 from ori_deploy.files.spec import Spec, build_from_file, load_spec
 from ori_deploy.files.spec_text import save_spec
@@ -19,6 +20,7 @@ __all__ = [
     "build_from_file",
     "design_data",
     "digest",
+    "load_aircraft",
     "load_design",
     "load_graph",
     "load_loads",
@@ -27,6 +29,7 @@ __all__ = [
     "load_sweep",
     "pose_data",
     "save_design",
+    "save_loads",
     "save_plan",
     "save_spec",
     "write_atomically",

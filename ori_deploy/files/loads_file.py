@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import tomli_w
 from pydantic import Field, ValidationError
 
 from ori_deploy.files.profile_spec import Finite, Strict
-from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.text import read_toml, refuse_keys, write_atomically
 from ori_deploy.loads import Air, Film, Loads, Magnets
 
 LOADS_SCHEMA = "ori-deploy/loads/1"
+_PAIR = re.compile(r"\[\s*([-+.\deE]+),\s*([-+.\deE]+),\s*\]")
+"""Two numbers in brackets, on lines of their own: a table of pressures reads better with a pair a line."""
 
 
 def _between(low: float, high: float) -> Any:
@@ -123,3 +127,60 @@ def load_loads(path: Path) -> Loads:
         return LoadsFile.model_validate(data).loads()
     except ValidationError as wrong:
         raise refuse_keys(str(path), data, wrong) from wrong
+
+
+def loads_data(loads: Loads) -> dict[str, Any]:
+    """What a loads file says for these loads: the way back from `LoadsFile.loads`."""
+    film, air, magnets = loads.film, loads.air, loads.magnets
+    rest_open, rest_close = (float(np.degrees(a)) for a in (film.rest_open_rad, film.rest_close_rad))
+    return {
+        "schema": LOADS_SCHEMA,
+        **({} if loads.clamp is None else {"clamp": loads.clamp}),
+        "gravity_m_s2": list(loads.gravity_m_s2),
+        "panels": {"density_kg_m3": loads.density_kg_m3, "extra_kg": dict(loads.extra_kg)},
+        "film": {
+            "thickness_um": 1e6 * film.thickness_m,
+            "gap_mm": 1e3 * film.gap_m,
+            "modulus_gpa": 1e-9 * film.modulus_pa,
+            **({} if film.width_m is None else {"width_m": film.width_m}),
+            "rest_open_deg": rest_open,
+            "rest_close_deg": rest_close,
+        },
+        "hinge": {"friction_nm": loads.friction_nm, "damping_nm_s": loads.damping_nm_s},
+        "air": {
+            "pressure_pa": air.pressure_pa,
+            "pressure_at": [list(pair) for pair in air.pressure_at],
+            "wind_m_s": list(air.wind_m_s),
+            "density_kg_m3": air.density_kg_m3,
+            "coefficient": air.coefficient,
+        },
+        "magnet": {
+            "force_n": magnets.force_n,
+            "reach_mm": 1e3 * magnets.reach_m,
+            "capture_mm": 1e3 * magnets.capture_m,
+            "seat_mm": 1e3 * magnets.seat_m,
+        },
+        "drive": {"efficiency": loads.efficiency},
+    }
+
+
+def save_loads(loads: Loads, path: Path, head: tuple[str, ...] = ()) -> None:
+    """Write a loads file, whole or not at all.
+
+    Parameters
+    ----------
+    head
+        Lines of comment above it.
+
+    Raises
+    ------
+    FileError
+        It cannot be written, or could not be read again.
+    """
+    data = loads_data(loads)
+    try:
+        LoadsFile.model_validate(data)
+    except ValidationError as wrong:
+        raise refuse_keys(str(path), data, wrong) from wrong
+    text = _PAIR.sub(r"[\1, \2]", tomli_w.dumps(data))
+    write_atomically(path, "".join(f"# {line}\n" for line in head) + text)

@@ -26,7 +26,9 @@ NAMES = [
     "wing", "one cell", "two cells", "two inner vertices", "peanut 8", "circle 6 without wall", "polygon 5",
     "cone elliptic 6", "cone wing, apex below", "cone two inner vertices", "cone circular 6 without wall",
 ]  # fmt: skip
-GALLERY = sorted(p for p in EXAMPLES.glob("*.toml") if not p.name.startswith(("mavlink", "rig_", "loads_", "sweep_")))
+GALLERY = sorted(
+    p for p in EXAMPLES.glob("*.toml") if not p.name.startswith(("mavlink", "rig_", "loads_", "sweep_", "uav_"))
+)
 
 
 @pytest.mark.parametrize("name", NAMES)
