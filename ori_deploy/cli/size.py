@@ -63,8 +63,15 @@ class HingeSize:
         return self.available / self.shaft if self.shaft > 0.0 else np.inf
 
 
-def sizes(built: Design, rig: ResolvedRig, loads: Loads, plan: Plan | None = None) -> tuple[HingeSize, ...]:
+def sizes(
+    built: Design, rig: ResolvedRig, loads: Loads, plan: Plan | None = None, *, deployed: bool = False
+) -> tuple[HingeSize, ...]:
     """Every driven hinge at its worst place along the motion, in the order of the cells.
+
+    Parameters
+    ----------
+    deployed
+        Only at fold 1, and not by a plan: air that blows at the deployed shape blows at no other.
 
     Raises
     ------
@@ -72,7 +79,7 @@ def sizes(built: Design, rig: ResolvedRig, loads: Loads, plan: Plan | None = Non
         The loads do not fit the design.
     """
     linkage = mechanism_of(built.structure, built.unit_m)
-    fold = np.linspace(0.0, 1.0, _POSES) if plan is None else plan.fold
+    fold = np.ones(1) if deployed else np.linspace(0.0, 1.0, _POSES) if plan is None else plan.fold
     solids = Solids.of(built.structure, built.span_m, built.r_min_m)
     torques = hinge_torques(linkage, solids, loads, rig.crease_index, fold)
     return tuple(_at_worst(torques, rig, loads, cell, plan) for cell in range(len(rig.cell_ids)))
@@ -137,12 +144,14 @@ def given_loads(
 @click.option("--gravity", type=(float, float, float), metavar="X Y Z", help="m/s2.  [default: 0 -9.81 0]")
 @click.option("--wind", type=(float, float, float), metavar="X Y Z", help="Of the air, m/s.  [default: none]")
 @click.option("--pressure", type=float, help="On the skin, outside less inside, Pa.  [default: 0]")
+@click.option("--deployed", is_flag=True, help="Look only at the deployed pose: pressures of a wing that flies.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: torques in N m at the worst place of every hinge.")
 def size(
     design_file: Path,
     rig_file: Path,
     plan_file: Path | None,
     loads_file: Path | None,
+    deployed: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -151,6 +160,8 @@ def size(
     By virtual work: slow, all cells in step, slits open, held at one panel. Exit status 1 where an actuator's
     max_torque_nm is not enough.
     """
+    if deployed and plan_file is not None:
+        raise InputError("--deployed: one pose has no plan", limit="--deployed or --plan", remedy="leave one out")
     built = load_design(design_file)
     layout = built.structure.layout
     rig = resolve_rig(load_rig(rig_file), layout.cell_ids, layout.latch_points)
@@ -161,7 +172,7 @@ def size(
         loads_file, options["film_um"], options["density"], options["clamp"], options["gravity"], options["wind"],
         options["pressure"],
     )  # fmt: skip
-    found = sizes(built, rig, loads, plan)
+    found = sizes(built, rig, loads, plan, deployed=deployed)
     if as_json:
         click.echo(json.dumps([_plain(each) for each in found], allow_nan=False))
     else:

@@ -70,3 +70,12 @@ def test_cones_are_sized_too(tmp_path: Path) -> None:
     rows = json.loads(run(str(path), "--rig", str(EXAMPLES / "rig_mock.toml"), "--json"))
     assert [row["cell"] for row in rows] == ["c1", "c2", "c3", "c4"]
     assert all(row["crease"] > 0.0 for row in rows)
+
+
+def test_the_deployed_pose_alone_can_be_looked_at(wing: str, tmp_path: Path) -> None:
+    whole = json.loads(run(wing, "--rig", RIG, "--json"))
+    deployed = json.loads(run(wing, "--rig", RIG, "--deployed", "--json"))
+    assert {row["fold"] for row in deployed} == {1.0}
+    assert all(a["crease"] <= b["crease"] + 1e-12 for a, b in zip(deployed, whole, strict=True))
+    told = run(wing, "--rig", RIG, "--deployed", "--plan", str(tmp_path / "none.json"), status=2)
+    assert "--deployed or --plan" in told
