@@ -147,7 +147,8 @@ class Component:
     def _authorise(self, heard: Heard, message: CommandMessage) -> None:
         """An autopilot asks whether it may arm: only with a structure that is deployed and locked."""
         if self._snapshot is not None and telemetry.locked(self._snapshot):
-            self._acknowledge(heard, message, dialect.MAV_RESULT_ACCEPTED, ARMING_VALID_S)
+            # MAVLink's description has the seconds in `progress`; PX4 and MAVSDK have them in `result_param2`.
+            self._acknowledge(heard, message, dialect.MAV_RESULT_ACCEPTED, ARMING_VALID_S, ARMING_VALID_S)
             return
         # The field holds one of the protocol's own reasons here, of which only "generic" fits.
         self._acknowledge(heard, message, dialect.MAV_RESULT_DENIED, 0, dialect.MAV_ARM_AUTH_DENIED_REASON_GENERIC)

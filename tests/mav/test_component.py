@@ -435,7 +435,8 @@ def test_arming_is_authorised_only_when_deployed_and_locked() -> None:
     w = deployed()
     w.run(1.2)
     w.hear(ask, AUTOPILOT, "autopilot")
-    assert [result for result, _ in w.answers()] == [ACCEPTED]
+    leave = w.take(dialect.MAVLink_command_ack_message)[-1]
+    assert (leave.result, leave.progress, leave.result_param2) == (ACCEPTED, 10, 10)  # seconds, wherever looked for
     health = w.take(dialect.MAVLink_sys_status_message)[-1]
     assert health.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK
 
