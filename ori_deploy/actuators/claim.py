@@ -7,6 +7,7 @@ port has a second lock on the device itself, which keeps out other users and oth
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import struct
@@ -105,6 +106,21 @@ class DeviceClaim:
             return path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         except (FileError, OSError) as wrong:
             raise BusClosed(f"{self._path} cannot be locked for this program alone: {wrong}") from wrong
+
+
+def why_closed(wrong: OSError, path: str, thing: str) -> str:
+    """Why a port did not open, with a remedy; `thing` is what would be plugged in there."""
+    text = str(wrong)
+    if wrong.errno == errno.EACCES:
+        return "permission denied; remedy: add yourself to the group dialout, then log in again"
+    if wrong.errno == errno.ENOENT:
+        return f"no such device; remedy: plug the {thing} in, or correct the port"
+    if "lock" in text.lower() or wrong.errno in (errno.EAGAIN, errno.EBUSY):
+        return in_use(path)
+    if not Path(path).is_char_device() or "Inappropriate ioctl" in text or wrong.errno == errno.ENXIO:
+        found = "a folder" if Path(path).is_dir() else "a file" if Path(path).is_file() else "another device"
+        return f"it is {found}; limit: a serial port, such as /dev/ttyUSB0; remedy: correct the port"
+    return f"{text}; remedy: check the port"
 
 
 def _let_go(device: str, lock: Path, fd: int) -> None:

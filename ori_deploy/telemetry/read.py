@@ -16,6 +16,7 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Channel, Footer, Message
 from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
@@ -214,10 +215,23 @@ class _Found:
     tape: list[bytes]
     complete: bool = False
     cause: Exception | None = None
+    begins: bytes = b""
 
     @property
     def info(self) -> Mapping[str, Any]:
         return self.messages.get("/plan_info", [{}])[0]
+
+    @property
+    def is_a(self) -> str:
+        """What sort of file it is, for people."""
+        if not self.begins:
+            return "an empty file"
+        if self.begins != MCAP0_MAGIC:
+            return "a file of another kind"
+        if "schema" not in self.info:
+            return "another program's MCAP file" if self.complete else "one that was cut off before its first message"
+        schema = str(self.info["schema"])
+        return schema if schema not in READABLE else f"{schema}, in which nothing was carried out"
 
 
 def _read(source: str) -> _Found:
@@ -236,9 +250,9 @@ def _read(source: str) -> _Found:
 def _no_log(source: str, found: _Found, what: str) -> FileError:
     error = FileError(
         f"this is not a flight log {what}",
-        value=found.info.get("schema", repr(found.cause) if found.cause else None),
-        limit=f"schema {' or '.join(READABLE)}",
-        remedy="give a log written by ori-deploy",
+        value=found.is_a,
+        limit=f"MCAP, schema {' or '.join(READABLE)}",
+        remedy="give a log that deploy, stow or recover wrote with --log",
         source=source,
     )
     error.__cause__ = found.cause
@@ -269,7 +283,7 @@ def _collect(data: bytes) -> _Found:
     crash that is mostly in the middle of a chunk, and what came before is whole.
     """
     topics: dict[int, str] = {}
-    found = _Found({}, [])
+    found = _Found({}, [], begins=data[: len(MCAP0_MAGIC)])
     try:
         for record in StreamReader(BytesIO(data), validate_crcs=True).records:
             if isinstance(record, Channel):

@@ -187,3 +187,15 @@ def test_the_number_of_a_pseudo_terminal_that_is_gone_is_nobodys() -> None:
         os.close(slave)
         os.close(master)
     assert held_devices() == ()
+
+
+@pytest.mark.parametrize("make", [BlockingPort, SerialPort])
+@pytest.mark.parametrize(("what", "told"), [("", "a folder"), ("text", "a file")])
+def test_what_is_no_serial_port_is_told_so(
+    tmp_path: Path, make: Callable[[str, int], BlockingPort | SerialPort], what: str, told: str
+) -> None:
+    path = tmp_path / what
+    if what:
+        path.write_text("x")
+    with pytest.raises(BusClosed, match=f"it is {told}; limit: a serial port.*; remedy: correct the port"):
+        make(str(path), 57_600).open()

@@ -438,10 +438,18 @@ def test_message_that_makes_no_sense_is_a_file_error(path: Path, topic: str, key
         read_run(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"x" * 5000])
-def test_file_that_is_no_log_is_refused_by_name(path: Path, content: bytes) -> None:
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "an empty file"),
+        (b"hello", "a file of another kind"),
+        (b"\x89MCAP0\r\n", "cut off before its first message"),
+        (b"x" * 5000, "a file of another kind"),
+    ],
+)
+def test_file_that_is_no_log_is_refused_by_name(path: Path, content: bytes, told: str) -> None:
     path.write_bytes(content)
-    with pytest.raises(FileError, match=r"run\.mcap.*not a flight log"):
+    with pytest.raises(FileError, match=rf"run\.mcap.*not a flight log.*{told}"):
         read_run(path)
 
 

@@ -7,7 +7,6 @@ Deadlines are monotonic, waiting sleeps in the kernel, and a port that is gone i
 
 from __future__ import annotations
 
-import errno
 import os
 import select
 import termios
@@ -17,7 +16,7 @@ from collections.abc import Iterable
 import serial
 
 from ori_deploy.actuators.bus import BusClosed
-from ori_deploy.actuators.claim import DeviceClaim, in_use
+from ori_deploy.actuators.claim import DeviceClaim, why_closed
 
 HEADER = b"\xff\xff\xfd\x00"
 STATUS = 0x55
@@ -98,7 +97,7 @@ class BlockingPort:
             self._serial = serial.Serial(self.path, self._baud, timeout=0, exclusive=True)
         except serial.SerialException as wrong:
             self._claim.release()
-            raise BusClosed(f"{self.path} cannot be opened: {_why(wrong, self.path)}") from wrong
+            raise BusClosed(f"{self.path} cannot be opened: {why_closed(wrong, self.path, 'adapter')}") from wrong
         except (ValueError, OSError, termios.error) as wrong:
             self._claim.release()
             raise BusClosed(
@@ -311,14 +310,3 @@ class BlockingPort:
 
     def _lost(self, why: str, cause: OSError | None = None) -> None:
         raise BusClosed(f"{self.path} is gone ({why}); remedy: plug it in, then connect") from cause
-
-
-def _why(wrong: serial.SerialException, path: str) -> str:
-    text = str(wrong)
-    if wrong.errno == errno.EACCES:
-        return "permission denied; remedy: add yourself to the group dialout, then log in again"
-    if wrong.errno == errno.ENOENT:
-        return "no such device; remedy: plug the adapter in, or correct the port"
-    if "lock" in text.lower() or wrong.errno in (errno.EAGAIN, errno.EBUSY):
-        return in_use(path)
-    return f"{text}; remedy: check the port"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import select
 import termios
@@ -11,7 +10,7 @@ import time
 import serial
 
 from ori_deploy.actuators.bus import BusClosed
-from ori_deploy.actuators.claim import DeviceClaim, in_use
+from ori_deploy.actuators.claim import DeviceClaim, why_closed
 
 WRITE_PATIENCE_S = 0.2
 """How long the driver may refuse bytes; a queue that long would be of no use any more."""
@@ -57,7 +56,8 @@ class SerialPort:
             _keep_dtr(self._fd)
         except serial.SerialException as wrong:
             self._claim.release()
-            raise BusClosed(f"{self.path} cannot be opened: {_why(wrong, self.path)}") from wrong
+            why = why_closed(wrong, self.path, "microcontroller")
+            raise BusClosed(f"{self.path} cannot be opened: {why}") from wrong
         except (ValueError, OSError, termios.error) as wrong:
             self.close()
             raise BusClosed(
@@ -133,14 +133,3 @@ def _keep_dtr(fd: int) -> None:
     settings = termios.tcgetattr(fd)
     settings[CFLAG] &= ~termios.HUPCL
     termios.tcsetattr(fd, termios.TCSANOW, settings)
-
-
-def _why(wrong: serial.SerialException, path: str) -> str:
-    text = str(wrong)
-    if wrong.errno == errno.EACCES:
-        return "permission denied; remedy: add yourself to the group dialout, then log in again"
-    if wrong.errno == errno.ENOENT:
-        return "no such device; remedy: plug the microcontroller in, or correct the port"
-    if "lock" in text.lower() or wrong.errno in (errno.EAGAIN, errno.EBUSY):
-        return in_use(path)
-    return f"{text}; remedy: check the port"
