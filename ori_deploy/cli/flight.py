@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from ori_deploy.actuators.bus import ActuatorBus
@@ -25,6 +26,7 @@ from ori_deploy.errors import FileError
 from ori_deploy.files import digest
 from ori_deploy.motion import Plan
 from ori_deploy.telemetry.frames import plan_info
+from ori_deploy.telemetry.log import kept_as
 from ori_deploy.telemetry.recorder import Recorder
 from ori_deploy.telemetry.taped import taped
 
@@ -49,8 +51,12 @@ def flight_recorder(
     if not path.name or (path.exists() and not path.is_file()):
         raise FileError(f"{path}: the log has to be a file", limit="a regular file", remedy="choose another name")
     files = {PLAN_NAME: plan_path.read_bytes(), RIG_NAME: rig_path.read_bytes()}
+    if path.exists():
+        click.echo(f"note: {path} is there already; it is kept as {kept_as(path)}", err=True)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.parent.is_dir():
+            path.parent.mkdir(parents=True)
+            click.echo(f"note: made the folder {path.parent} for the log", err=True)
         recorder = Recorder(
             path,
             plan_info(plan, rig, plan_sha256=digest(plan_path)),

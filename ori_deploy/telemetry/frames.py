@@ -136,7 +136,7 @@ def plan_info(plan: Plan, rig: ResolvedRig, *, plan_sha256: str = "") -> dict[st
         "plan_sha256": plan_sha256,
         "rig_sha256": rig.sha256,
         "rig_file": rig.source or "",
-        "seed": rig.mock.seed,
+        "seed": rig.mock.seed if rig.backend == "mock" else None,
         "rate_hz": rig.rate_hz,
         "cell_ids": list(rig.cell_ids),
         "hinge_ids": list(rig.hinge_ids),

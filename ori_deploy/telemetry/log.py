@@ -252,8 +252,12 @@ class LogWriter:
 def keep_older(path: Path) -> None:
     """A log is evidence: one of the same name is kept under a numbered one."""
     if path.exists():
-        number = next(n for n in count(1) if not path.with_stem(f"{path.stem}-{n}").exists())
-        path.replace(path.with_stem(f"{path.stem}-{number}"))
+        path.replace(kept_as(path))
+
+
+def kept_as(path: Path) -> Path:
+    """The name under which a log that is there is kept when another of its name is finished."""
+    return next(name for n in count(1) if not (name := path.with_stem(f"{path.stem}-{n}")).exists())
 
 
 def _cycle_format(n_hinges: int) -> str:

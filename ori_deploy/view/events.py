@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from ori_deploy.telemetry.read import Run
 
@@ -64,7 +66,7 @@ def _state_events(run: Run) -> list[RunEvent]:
     ]
 
 
-_DRIVING = frozenset({"run", "close"})
+_DRIVING = frozenset({"run", "close", "already"})
 """Calls of whoever drives the controller, not words of an operator."""
 
 
@@ -77,11 +79,36 @@ def _command_events(run: Run) -> list[RunEvent]:
             max(c["time_s"] - start, 0.0),
             "command",
             c["command"],
-            f"{c['outcome']}{': ' if c['detail'] else ''}{c['detail']} {c['arguments'].strip('{}')}".strip(),
+            _in_words(c),
         )
         for c in run.commands
-        if c["outcome"] != "done" or c["command"] not in told
+        if c["outcome"] != "done" or not (c["command"] in told or _changes_nothing(c))
     ]
+
+
+def _in_words(command: Mapping[str, Any]) -> str:
+    """What was asked with it, and what became of it."""
+    given = _given(command)
+    if command["command"] == "limit_speed":
+        given = [f"to {100.0 * part:g} % of the plan's" for part in given if isinstance(part, float)]
+    told = " ".join([command["outcome"], *map(str, given)])
+    return f"{told}: {command['detail']}" if command["detail"] else told
+
+
+def _changes_nothing(command: Mapping[str, Any]) -> bool:
+    """Every session says how fast it may go; the plan's own speed is no news."""
+    return command["command"] == "limit_speed" and _given(command) == [1.0]
+
+
+def _given(command: Mapping[str, Any]) -> list[Any]:
+    """The arguments; those that have a name with it."""
+    try:
+        given = json.loads(command["arguments"] or "{}")
+    except ValueError:
+        return [command["arguments"]]
+    if not isinstance(given, dict):
+        return [given]
+    return [value if name.isdigit() else f"{name.replace('_', ' ')}: {value}" for name, value in given.items()]
 
 
 def fault_events(run: Run) -> list[RunEvent]:

@@ -306,7 +306,7 @@ def provenance_facts(
     if run is not None:
         facts += [
             Fact("rig file", str(run.info["rig_file"]) or "none"),
-            Fact("seed", str(run.info["seed"]), "of simulated servos"),
+            *([] if run.info["seed"] is None else [Fact("seed", str(run.info["seed"]), "of simulated servos")]),
             Fact("controller's version", str(run.info["version"])),
         ]
         if run.versions:

@@ -250,7 +250,7 @@ def _add_legends(figure: Figure, run: Run, hinges: list[tuple[str, str, str]], h
         line.set_label(_short(f"{hinge} ({cell} {crease})", 30))
         lines.append(line)
     figure.legend(
-        handles=lines,
+        handles=[line for column in range(_LEGEND_COLUMNS) for line in lines[column::_LEGEND_COLUMNS]],  # by rows
         loc="lower center",
         ncols=_LEGEND_COLUMNS,
         handlelength=2.6,

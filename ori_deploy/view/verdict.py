@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from ori_deploy.deploy.result import Fault, MotionResult, Outcome
 from ori_deploy.deploy.states import State
 from ori_deploy.motion.plan import Plan
@@ -59,19 +61,29 @@ def _judged(plan: Plan | None, run: Run | None) -> Verdict:
     reasons = [_fault_sentence(f, float(run.time_s[0])) for f in run.faults]
     for result in run.results:
         reasons += [f"Recording failed during {result.command}: {e}" for e in result.observer_errors]
-    final = run.state[-1]
+    final, where = run.state[-1], _where(run)
     if run.dropped:
         reasons.append(f"{run.dropped} records were dropped: the recorder was too far behind, the log has gaps.")
     if not run.complete:
         why = "" if run.ending in ("", CLOSED) else f" ({run.ending})"
-        reasons.append(f"The log was cut off in state {final}{why}: what came after is not known.")
+        reasons.append(f"The log was cut off in state {final}{where}{why}: what came after is not known.")
     if not run.results:
-        return Verdict("bad", f"No result recorded: the log ends in state {final}", tuple(reasons))
+        return Verdict("bad", f"No result recorded: the log ends in state {final}{where}", tuple(reasons))
     good = _is_done(run.results[-1]) and final != State.FAULT and run.complete
     headline = ", then ".join(_sentence(r, first=k == 0) for k, r in enumerate(run.results))
     if final == State.FAULT and _is_done(run.results[-1]):
         headline += "; then a fault"
     return Verdict("good" if good else "bad", headline, tuple(reasons))
+
+
+def _where(run: Run) -> str:
+    """Where every cell was measured last, for whoever goes there to look."""
+    known = np.isfinite(run.fold).all(axis=1)
+    if not known.any():
+        return ""
+    last = run.fold[known][-1]
+    low, high = f"{last.min():.3f}", f"{last.max():.3f}"
+    return f" at fold {low}" if low == high else f" at fold {low} to {high}"
 
 
 def _is_done(result: MotionResult) -> bool:

@@ -258,6 +258,15 @@ def test_every_example_is_decided_the_same_again(example: str, command: str, tmp
     assert (status, told["differences"]) == (0, [])
 
 
+def test_a_folder_that_is_made_and_a_log_that_is_kept_are_told(plan: Path, tmp_path: Path) -> None:
+    words = ("deploy", plan, "--rig", RIG, "--log", "new/run.mcap")
+    first = run(*words, cwd=tmp_path)
+    assert first.stderr == "note: made the folder new for the log\n"
+    second = run(*words, cwd=tmp_path)
+    assert second.stderr == "note: new/run.mcap is there already; it is kept as new/run-1.mcap\n"
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["run-1.mcap", "run.mcap"]
+
+
 def test_what_was_refused_is_in_the_report(plan: Path, tmp_path: Path) -> None:
     made = load_plan(plan)
     rig = resolve_rig(load_rig(RIG), made.cell_ids, made.latch_points)
@@ -270,5 +279,5 @@ def test_what_was_refused_is_in_the_report(plan: Path, tmp_path: Path) -> None:
         f.controller.step()
     events = {(e.what, e.thing): e.detail for e in run_events(read_run(tmp_path / "run.mcap"))}
     assert events["command", "resume"].startswith("refused: IllegalCommand: resume: not allowed")
-    assert events["command", "limit_speed"] == 'done "0": 0.5'
+    assert events["command", "limit_speed"] == "done to 50 % of the plan's"
     assert ("command", "arm") not in events

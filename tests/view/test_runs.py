@@ -16,6 +16,7 @@ from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import summarise
 from ori_deploy.view import draw_tracking, to_svg
 from ori_deploy.view.events import latch_events, run_events
+from ori_deploy.view.facts import provenance_facts
 from ori_deploy.view.verdict import verdict
 from tests.deploy.synthetic import synthetic_plan
 from tests.view.test_figures import gids
@@ -172,7 +173,27 @@ def test_a_fault_after_deployment_and_a_log_cut_off_are_bad_news(good_run: Run) 
     cut = verdict(None, replace(good_run, complete=False, results=()))
     assert cut.tone == "bad"
     assert not cut.headline.startswith("Deployed")
-    assert any("cut off" in reason for reason in cut.reasons)
+    fold = good_run.fold[-1]
+    where = f"{fold.min():.3f}"
+    assert any("cut off" in reason and f"at fold {where}" in reason for reason in cut.reasons)
+    assert f"at fold {where}" in cut.headline
+
+
+def test_the_legend_is_in_the_order_of_the_cells_line_by_line(good_run: Run) -> None:
+    """Matplotlib fills columns; eyes read lines."""
+    figure = draw_tracking(good_run)
+    figure.draw_without_rendering()
+    places = [(text.get_window_extent(), text.get_text()) for text in figure.legends[0].get_texts()]
+    by_lines = [text for _, text in sorted(places, key=lambda one: (-round(one[0].y0 / 10.0), one[0].x0))]
+    names = [f"{hinge} " for hinge in good_run.info["hinge_ids"]]
+    assert by_lines[0] == "commanded"
+    assert all(text.startswith(name) for text, name in zip(by_lines[1:], names, strict=True))
+
+
+def test_a_seed_is_told_of_simulated_servos_only(good_run: Run) -> None:
+    for seed, told in ((1, True), (None, False)):
+        facts, _ = provenance_facts("", "", None, replace(good_run, info={**good_run.info, "seed": seed}), "0")
+        assert any(fact.name == "seed" for fact in facts) == told
 
 
 def test_deploying_and_stowing_are_both_told(good_run: Run) -> None:
