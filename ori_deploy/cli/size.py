@@ -206,11 +206,11 @@ def _table(built: Design, found: tuple[HingeSize, ...]) -> Table:
         "rub": [f"{each.friction:.3f}" if each.friction else "" for each in found],
         "crease": [f"{each.crease:.3f}" for each in found],
         "shaft": [f"{each.shaft:.3f}" for each in found],
-        "has": [f"{each.available:.3g}" for each in found],
-        "used": [f"{100.0 * each.share:.0f} %" for each in found],
+        "max": [f"{each.available:.3g}" for each in found],
+        "of max": [f"{100.0 * each.share:.0f} %" for each in found],
         "spare": [f"{each.margin:.3g}" for each in found],
     }
-    title = escape(f"{built.name}: torque, N m")
+    title = escape(f"{built.name}: torque, N m; max: max_torque_nm of the rig")
     table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
     shown = {name: cells for name, cells in columns.items() if any(cells)}
     for name in shown:
