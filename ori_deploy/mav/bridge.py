@@ -111,6 +111,7 @@ class Bridge:
     def ended(self, result: MotionResult) -> None:
         """An order has ended."""
         text = "" if result.fault is None else f"{result.fault.kind}: {result.fault.thing}: {result.fault.detail}"
+        self._say(self._snapshot(self._now(), False))  # known before the end is told: who asks then hears of it
         self._say(Ended(self._token, str(result.outcome), text))
         self._token = self._held_for = 0
 

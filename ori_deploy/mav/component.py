@@ -192,6 +192,8 @@ class Component:
     def told(self, word: Word, now: float) -> None:
         """What the control loop says."""
         if isinstance(word, Snapshot):
+            if self._snapshot is None or self._snapshot.state != word.state:
+                self._telemetry_due = -math.inf
             self._snapshot = word
             self._texts.snapshot(word)
             self._commands.snapshot(word, now)

@@ -62,6 +62,19 @@ def test_a_deployment_is_told_from_beginning_to_end() -> None:
     assert {(ack.target_system, ack.target_component) for ack in acks} == {(255, 190)}
 
 
+def test_who_asks_how_it_is_after_the_end_is_told_of_the_end() -> None:
+    w = world()
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.DEPLOYED)
+    w.run(0.1)
+    told = [message for message, _ in w.sent]
+    end = next(k for k, one in enumerate(told) if getattr(one, "result", IN_PROGRESS) == ACCEPTED)
+    states = [one.state for one in told[end:] if isinstance(one, dialect.MAVLink_ori_structure_message)]
+    assert states
+    assert set(states) == {dialect.ORI_STRUCTURE_DEPLOYED}
+
+
 def test_nothing_is_powered_before_the_first_order() -> None:
     w = world()
     w.run(1.0, landed=IN_AIR)
