@@ -13,7 +13,7 @@ from ori_deploy.deploy.link import Link
 from ori_deploy.deploy.monitor import Monitor
 from ori_deploy.deploy.result import Fault
 from ori_deploy.deploy.states import State
-from ori_deploy.deploy.stopping import PAUSING
+from ori_deploy.deploy.stopping import EMERGENCY_CYCLES, PAUSING
 
 
 class Checks:
@@ -47,13 +47,21 @@ class Checks:
     ) -> None:
         self._link, self._monitor, self._settings = link, monitor, settings
         self._early_s = 0.5 * period_s
+        # As long as it takes to notice that a hinge is silent, and to rest.
+        self._put_off_s = (settings.lost_replies_allowed + 1 + EMERGENCY_CYCLES) * period_s
         self._trip, self._pause = trip, pause
         self._due = -np.inf
+        self._hurry = False
         self.concern: Fault | None = None
 
-    def health_if_due(self, alerted: bool, holding: bool, now: float) -> HealthReadings | None:
-        """Health when it is time, or when a hinge says that something is wrong; None otherwise."""
-        return self.health(holding, now) if alerted or now >= self._due else None
+    def health_if_due(self, alerted: bool, holding: bool, hurry: bool, now: float) -> HealthReadings | None:
+        """Health when it is time, or when a hinge says that something is wrong; None otherwise.
+
+        In a `hurry` what is due is put off a little, the latches as well: who did not answer when asked for a
+        position lets this cycle wait once more with every further question, while the motion goes on.
+        """
+        self._hurry = hurry and now < self._due + self._put_off_s
+        return self.health(holding, now) if alerted or (now >= self._due and not self._hurry) else None
 
     def health(self, holding: bool, now: float) -> HealthReadings | None:
         """Health now; None when the bus failed."""
@@ -67,7 +75,7 @@ class Checks:
 
         While cells are out of step, `in_step` false, any latch may say anything.
         """
-        if now >= self._due:
+        if now >= self._due and not self._hurry:
             self._due = now + self._settings.health_period_s - self._early_s
         elif state is not State.LATCHING:
             return None
