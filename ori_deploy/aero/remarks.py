@@ -93,7 +93,7 @@ def _drag(found: Assessment) -> Iterator[str]:
         "fuselage": fuselage_drag(craft),
     }
     told = ", ".join(f"{name} {value:.4f}" for name, value in parts.items() if value)
-    yield f"C_D at cruise by {ours.name}: {told}. Its parabola is within {ours.sweep.misfit:.4f} of its points."
+    yield f"C_D at cruise by {ours.name}: {told}. Its parabola is within {ours.sweep.misfit:.1g} of its points."
     if said is None:
         return
     theirs, base = float(said.drag(found.lift_needed)), said.cd0 - ours.sweep.polar.cd0
@@ -126,20 +126,23 @@ def _curvature(found: Assessment) -> Iterator[str]:
 
 
 def _methods(found: Assessment) -> Iterator[str]:
-    one, other = found.lattice, found.build_up
-    text = (
-        f"Methods: {other.name} flies level at {np.degrees(other.trim.alpha_rad):.1f} deg where {one.name} takes "
-        f"{np.degrees(one.trim.alpha_rad):.1f}"
+    one, other, craft = found.lattice, found.build_up, found.craft
+    own = np.degrees(found.section_polar.alpha_rad(found.wing_lift))
+    down = np.degrees(found.wing_lift / (np.pi * craft.wing.aspect_ratio))
+    yield (
+        f"Methods: {one.name} flies level at {np.degrees(one.trim.alpha_rad):.1f} deg, {other.name} at "
+        f"{np.degrees(other.trim.alpha_rad):.1f}. By NeuralFoil the section has the wing's C_l at {own:.1f} deg, and "
+        f"an elliptic wing's downwash is {down:.1f} deg: together {own + down:.1f} to the chord. "
+        f"{other.name} takes its sections' lift from NeuralFoil, boundary layer and all; a lattice has it from their "
+        "camber alone."
     )
-    if found.craft.tail is not None:
-        behind = 100.0 * (other.stability.neutral_chord - one.stability.neutral_chord)
-        text += (
-            f", and has the neutral point {abs(behind):.1f} % of the chord "
-            f"{'behind' if behind > 0.0 else 'ahead of'} that one's"
-        )
-    yield text + (
-        f". {other.name} adds parts up: its tail does not feel the wing's downwash, its fuselage pushes nose up, "
-        "and sections lose lift to their boundary layer. The lattice has downwash, and no thickness, viscosity or "
+    if craft.tail is None:
+        return
+    behind = 100.0 * (other.stability.neutral_chord - one.stability.neutral_chord)
+    yield (
+        f"Methods: {other.name} has the neutral point {abs(behind):.1f} % of the chord "
+        f"{'behind' if behind > 0.0 else 'ahead of'} that of {one.name}. Its tail does not feel the wing's downwash, "
+        "which moves the point aft, and it has the fuselage, which moves it forward; the lattice has downwash and no "
         "fuselage."
     )
 

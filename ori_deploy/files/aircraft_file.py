@@ -143,7 +143,7 @@ class _PolarTable(Strict):
 class _PublishedTable(Strict):
     """`[published]`."""
 
-    source: str = "published"
+    source: str = ""
     cruise_cl: _Coefficient | None = None
     static_margin: tuple[_Coefficient, _Coefficient] | None = None
     flight_time_min: Annotated[float, _up_to(1e5)] | None = None

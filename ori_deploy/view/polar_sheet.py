@@ -72,13 +72,15 @@ def _draw_pressures(axes: Axes, pressures: Sequence[tuple[str, SectionPressure]]
 
 
 def _draw_built(axes: Axes, built: Fidelity | None) -> None:
+    if built is None:
+        axes.set_axis_off()
+        return
     axes.set(title="built section: outwards of the wanted one", xlabel="x / chord", ylabel="mm")
-    for standing in built.standings if built is not None else ():
+    for standing in built.standings:
         colour = SLIT if standing.fold < 1.0 else cell_colour(0, _WAYS)
         off = standing.deviation
-        x, away = off.aligned.real / built.chord_m, 1e3 * off.outwards  # type: ignore[union-attr]
+        x, away = off.aligned.real / built.chord_m, 1e3 * off.outwards
         nose = int(x.argmin())
         axes.plot(x[: nose + 1], away[: nose + 1], color=colour, label=f"{standing.state}, above")
         axes.plot(x[nose:], away[nose:], color=colour, linestyle="--", label=f"{standing.state}, below")
-    if built is not None:
-        axes.legend(loc="upper right")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from ori_deploy.aero.figures import Figure
 from ori_deploy.cli import main
-from ori_deploy.cli.aircraft import Found, difference, find, number, published
+from ori_deploy.cli.aircraft import difference, find, number, published
 from ori_deploy.files import build_from_file, load_loads, save_design
 from ori_deploy.files.design_file import Design
 
@@ -71,6 +74,19 @@ def test_an_aircraft_that_stalls_is_refused_with_its_file(tmp_path: Path) -> Non
     path.write_text(SMALL.replace("0.4", "4.0"))
     told = run("aircraft", path, status=2)
     assert re.search(r"small\.toml: .*stalls; found C_l 3\.\d+ .*remedy: fly faster", told)
+
+
+@pytest.mark.slow
+def test_an_aircraft_of_a_few_lines_gets_its_own_figures_and_none_of_the_papers(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    told = run("aircraft", path, "--plot", tmp_path / "small.png", "--json", tmp_path / "small.json")
+    assert "time of flight" in told
+    assert (tmp_path / "small.png").stat().st_size > 30_000
+    for word in ("published", "assumed:", "static margin", "Endurance", "tail", "Section"):
+        assert word not in told.replace("published off by assumed", ""), word
+    data = json.loads((tmp_path / "small.json").read_text())
+    assert all(row["published"] is None and row["difference"] is None for row in data["figures"])
 
 
 @pytest.fixture(scope="module")
@@ -137,10 +153,10 @@ def test_loads_of_cruise_and_gust_are_sized_at_the_deployed_pose(folder: tuple[P
     assert (np.abs(air["gust"]) > np.abs(air["cruise"])).all()
 
 
-def page_rows(found: Found) -> list[str]:
+def page_rows(figures: Sequence[Figure]) -> list[str]:
     """The table of docs/aircraft.md: `python -m tests.cli.test_aircraft` prints it."""
     rows = [HEAD, "|---|---|---|---|---|"]
-    for f in found.figures:
+    for f in figures:
         value = f"{number(f.value)} {f.unit}".strip()
         rows.append(f"| {f.quantity} | {value} | {f.method} | {published(f)} | {difference(f)} |")
     return rows
@@ -152,15 +168,17 @@ def _cells(row: str) -> tuple[str, float, str]:
 
 
 @pytest.mark.slow
-def test_the_page_shows_what_comes_out() -> None:
+def test_the_page_shows_what_comes_out(folder: tuple[Path, str]) -> None:
     page = (ROOT / "docs" / "aircraft.md").read_text().splitlines()
     start = page.index(HEAD)
     shown = [_cells(row) for row in page[start + 2 :] if row.startswith("| ")]
-    ours = [_cells(row) for row in page_rows(find(UAV))[2:]]
+    figures = json.loads((folder[0] / "a.json").read_text())["figures"]
+    found = [Figure(**{key: value for key, value in f.items() if key != "difference"}) for f in figures]
+    ours = [_cells(row) for row in page_rows([replace(f, published=None) for f in found])[2:]]
     assert [(name, method) for name, _, method in shown] == [(name, method) for name, _, method in ours]
     for (name, there, _), (_, here, _) in zip(shown, ours, strict=True):
         assert there == pytest.approx(here, rel=_OFF, abs=_NEAR), name
 
 
 if __name__ == "__main__":
-    print("\n".join(page_rows(find(UAV))))
+    print("\n".join(page_rows(find(UAV).figures)))
