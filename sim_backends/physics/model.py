@@ -27,7 +27,10 @@ FloatArray = NDArray[np.float64]
 STEP_S = 1e-3
 
 LOOP_SOLREF, LOOP_SOLIMP = "0.002 1", "0.9999 0.9999 0.001"
-"""Stiffest that a step of 1 ms carries: cut panels stay together to about a micrometre."""
+"""As stiff as MJCF can say at a step of 1 ms."""
+
+LOOP_SOFTNESS = 1e-5
+"""Of a loop in a world, in parts of what MuJoCo makes of the above: at rest, what it gives is in proportion."""
 
 CONTACT_SOLREF, CONTACT_SOLIMP = "0.004 1", "0.95 0.99 0.0005"
 LATCH_SOLREF, LATCH_SOLIMP = "0.005 1", "0.99 0.999 0.0005"
@@ -180,9 +183,9 @@ class Model:
         opened = angles - self.linkage.four_bars.deployed
         return np.array([opened[hang.cell, hang.crease] for hang in self.hangs])
 
-    def xml(self) -> str:
-        """The model as MJCF."""
-        return _Writer(self).text()
+    def xml(self, *, cuts_apart: bool = False) -> str:
+        """The model as MJCF; with what loops are held by on bodies of its own, for `LOOP_SOFTNESS`."""
+        return _Writer(self, cuts_apart).text()
 
     def _places(self, vertices: Sequence[int]) -> FloatArray:
         structure, some = self.design.structure, list(vertices)
@@ -201,8 +204,8 @@ def _text(values: Iterable[float]) -> str:
 class _Writer:
     """Writes a model."""
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
+    def __init__(self, model: Model, cuts_apart: bool) -> None:
+        self._model, self._cuts_apart = model, cuts_apart
         self._layout = model.design.structure.layout
         self._root = ET.Element("mujoco", model=model.design.name)
         self._asset = ET.Element("asset")
@@ -268,8 +271,15 @@ class _Writer:
                 self._geoms(body, panel)
         for panel in panels:
             if panel in self._halved:
-                place = model.solids.centroid[panel]
-                ET.SubElement(body, "site", name=f"{name} {layout.panel_ids[panel]}", pos=_text(place), size="0.001")
+                self._cut(body, f"{name} {layout.panel_ids[panel]}", model.solids.centroid[panel])
+
+    def _cut(self, body: ET.Element, name: str, place: FloatArray) -> None:
+        """Where a half of a cut panel is held: on a body of its own, contacts do not see how stiffly."""
+        at = {"pos": _text(place)}
+        if self._cuts_apart:
+            # Standing there, too: how easily its own origin moves is what MuJoCo scales the softness by.
+            body, at = ET.SubElement(body, "body", {"name": f"{name} cut", **at}), {}
+        ET.SubElement(body, "site", {"name": name, "size": "0.001", **at})
 
     def _armature(self, hang: Hang) -> float:
         here = [d for d in self._model.drives if (d.cell, d.crease) == (hang.cell, hang.crease)]

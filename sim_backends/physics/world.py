@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ori_deploy.loads import skin_forces
 from ori_deploy.profiles.sphere import cross
-from sim_backends.physics.model import STEP_S, Model
+from sim_backends.physics.model import LOOP_SOFTNESS, STEP_S, Model
 from sim_backends.physics.need import mujoco
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +60,7 @@ class World:
     def __init__(self, model: Model, fold: ArrayLike = 1.0) -> None:
         self._mujoco: Any = mujoco()
         self.model = model
-        self._m: Any = self._mujoco.MjModel.from_xml_string(model.xml())
+        self._m: Any = self._mujoco.MjModel.from_xml_string(model.xml(cuts_apart=True))
         self._d: Any = self._mujoco.MjData(self._m)
         layout = model.design.structure.layout
         self._joint = np.array([self._m.joint(model.joint(h.cell, h.crease)).qposadr[0] for h in model.hangs])
@@ -80,6 +80,9 @@ class World:
         self._cuts = np.array(
             [[self._m.site(f"{body} {name}").id for body in (model.body(p), f"{name} half")] for p, name in halves]
         )
+        # An equality gives in proportion to the force on it and to the inverse weight of its bodies; MuJoCo lets no
+        # impedance exceed 0.9999, and that left loops open by what turned panels by 1e-4 rad.
+        self._m.body_invweight0[np.unique(self._m.site_bodyid[self._cuts])] *= LOOP_SOFTNESS
         self._sites = [
             [[self._m.site(f"{slit.point} {end} {side}").id for side in "ab"] for end in ("opening", "inner")]
             for slit in model.slits
