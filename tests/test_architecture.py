@@ -20,6 +20,7 @@ ALLOWED: dict[str, set[str]] = {
     "aero": {"profiles", "design", "motion", "loads"},
     "files": {"profiles", "layout", "design", "motion", "loads", "search", "aero"},
     "figures": {"profiles", "layout", "design", "motion", "search", "files"},
+    "export": {"profiles", "layout", "design", "motion", "loads", "files"},
     "wire": set(),
     "actuators": {"wire", "runtime_dir"},
     "bench": {"actuators", "wire"},
