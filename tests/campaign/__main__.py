@@ -18,9 +18,9 @@ from tests.campaign.grounds import GROUNDS, available
 from tests.campaign.outcome import Trial
 from tests.campaign.soak import soak
 from tests.campaign.times import ENOUGH, worst
-from tests.campaign.trial import run_trial
+from tests.campaign.trial import run_fairly, run_trial
 
-TIMED_STAGES = ("open", "close", "recover")
+TIMED_STAGES = ("open", "close", "open", "close", "recover")
 """Where all cells, or some, are moving."""
 
 
@@ -31,7 +31,7 @@ def main() -> int:
     print(f"seed {seed}; again with --seed {seed}")
     begun = time.monotonic()
     backends = [name for name in _to_be_had() if name in options.backend]
-    trials = _told(trial for name in backends for trial in campaign(name, seed, options.repeat))
+    trials = _told(trial for name in backends for trial in campaign(name, seed, options.repeat, stages=options.stage))
     print(table(trials))
     if options.timed and "mock" in backends:
         timed = _told(timed_trials(seed, options.timed))
@@ -39,8 +39,11 @@ def main() -> int:
         trials += timed
     broken, unjudged = [t for t in trials if t.violations], [t for t in trials if t.not_judged]
     print(f"{len(trials)} trials in {time.monotonic() - begun:.0f} s, {len(broken)} with violations")
+    again = [trial for trial in trials if trial.attempts_before]
+    if again:
+        print(f"{len(again)} trials took more than one attempt, see above")
     if unjudged:
-        print(f"IN {len(unjudged)} TRIALS TIMES WERE NOT JUDGED, for the machine was late itself: see above")
+        print(f"{len(unjudged)} TRIALS WERE NOT, OR NOT WHOLLY, JUDGED: the machine was late itself, see above")
     failed = bool(broken)
     if options.soak_hours > 0.0:
         told = soak(options.soak_hours * 3600.0, seed, Path(options.soak_log) if options.soak_log else None)
@@ -59,7 +62,7 @@ def campaign(
             for _ in range(repeat):
                 own = int(seeds.integers(2**31))
                 with tempfile.TemporaryDirectory() as folder:
-                    trial = run_trial(backend, cause, stage, own, Path(folder))
+                    trial = run_fairly(backend, cause, stage, own, Path(folder))
                 if trial is not None:
                     yield trial
 
@@ -123,8 +126,10 @@ def _told(trials: Iterator[Trial]) -> list[Trial]:
         all_of_them.append(trial)
         if trial.violations:
             print(f"VIOLATION {trial}", flush=True)
+        where = f"{trial.backend}, {trial.fault}, {trial.stage}, seed {trial.seed}"
+        if trial.attempts_before:
+            print(f"AGAIN {where}: {'; '.join(trial.attempts_before)}", flush=True)
         if trial.not_judged:
-            where = f"{trial.backend}, {trial.fault}, {trial.stage}, seed {trial.seed}"
             print(f"NOT JUDGED {where}: {'; '.join(trial.not_judged)}", flush=True)
     return all_of_them
 
@@ -145,6 +150,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.campaign", description=__doc__)
     parser.add_argument("--seed", type=int, help="of hinges, folds and noise  [default: drawn, and printed]")
     parser.add_argument("--backend", nargs="+", choices=list(GROUNDS), default=list(GROUNDS))
+    parser.add_argument("--stage", nargs="+", choices=STAGES, default=STAGES, help="[default: all]")
     parser.add_argument("--repeat", type=int, default=1, help="trials per fault and stage  [default: 1]")
     parser.add_argument(
         "--timed", type=int, default=ENOUGH, metavar="N",

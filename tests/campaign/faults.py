@@ -71,6 +71,7 @@ _SLITS = frozenset({SEATING})
 CAUSES: tuple[Cause, ...] = (
     _cause("one lost reply", passes=True),
     _cause("one corrupt reply", passes=True),
+    _cause("two lost in a row", passes=True),
     _cause("failing observer", passes=True),
     _cause("silence", K.LOST_REPLIES, K.HARDWARE_ERROR, notice_s=0.03),
     _cause("garbage", K.LOST_REPLIES, K.HARDWARE_ERROR, notice_s=0.03),
@@ -79,7 +80,7 @@ CAUSES: tuple[Cause, ...] = (
     _cause("jam", *_OFF_PATH, passes=True),
     _cause("reboot", K.RESTARTED, K.TORQUE_LOST, K.LOST_REPLIES, K.BUS_ERROR, notice_s=0.1),
     _cause("heat", K.OVER_TEMPERATURE, notice_s=0.1, pauses=True),
-    _cause("low supply", K.LOW_VOLTAGE, K.HARDWARE_ERROR, notice_s=0.1, pauses=True),
+    _cause("low supply", K.LOW_VOLTAGE, K.HARDWARE_ERROR, K.COMMAND_REFUSED, notice_s=0.1, pauses=True),
     _cause("stuck latch", *_LATCH, *_OFF_PATH, passes=True),
     _cause("blind latch", *_LATCH, passes=True),
     _cause("late loop", *_LATE, passes=True),

@@ -43,8 +43,9 @@ LAG_S = {"mock": 0.03, "dynamixel": 0.02, "board": 0.03}
 EARLY, UNEVEN = 0.96, (0.966, 0.974)
 """Folds at which something is in the way of a slit."""
 
-REPLIES_S = 0.034
-"""`usb_latency_s` and `reply_slack_s` of the virtual servos' rig: for so long a reply is waited for."""
+REPLIES_S = 3.0 * (0.001 + 0.03 + 0.004)
+"""What a silent servo costs a cycle of the virtual servos' rig: `usb_latency_s`, `reply_slack_s` and the wire's time,
+for its position, its health and as a latch."""
 
 LATCHES = [
     {"id": "pin", "secures": "slit:P-T2", "kind": "lock_pin", "travel_s": 0.3, "timeout_s": 1.0},
@@ -196,6 +197,7 @@ def mock(folder: Path, start: Start, seed: int) -> Iterator[Ground]:
     faults: dict[str, Callable[[int], object]] = {
         "one lost reply": lambda k: bus.drop_replies(names[k], 1),
         "one corrupt reply": lambda k: bus.corrupt_replies(names[k], 1),
+        "two lost in a row": lambda k: bus.drop_replies(names[k], 2),
         "silence": lambda k: bus.mute(names[k]),
         "garbage": lambda k: bus.corrupt_replies(names[k], 10),
         "unplugged": lambda _: bus.unplug(),
@@ -258,6 +260,7 @@ def dynamixel(folder: Path, start: Start, seed: int) -> Iterator[Ground]:
         faults: dict[str, Callable[[int], object]] = {
             "one lost reply": lambda k: virtual.drop(servo[k], 1),
             "one corrupt reply": lambda k: virtual.corrupt(servo[k], 1),
+            "two lost in a row": lambda k: virtual.drop(servo[k], 2),
             "silence": lambda k: virtual.mute(servo[k]),
             "garbage": lambda k: virtual.corrupt(servo[k], 10),
             "unplugged": lambda _: virtual.unplug(),

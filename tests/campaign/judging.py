@@ -20,6 +20,9 @@ ROUNDING = 1.05
 SEATS = frozenset({Event.ARM, Event.CLEAR_FAULT})
 """What sets the goals to where the shafts are measured."""
 
+NOT_BEGUN = "not begun"
+"""How a trial ends in which nothing could be injected."""
+
 ENDED = frozenset(State) - {State.MOVING, State.LATCHING, State.STOPPING}
 
 
@@ -100,15 +103,24 @@ def judge_recovery(trial: Trial, ground: Ground) -> None:
         trial.violations.append(f"cells are brought into step with {fastest:.3f} rad/s; limit: {limit:.3f}")
 
 
-def judge_uninvited(trial: Trial, ground: Ground, what: str) -> None:
-    """A fault or a refusal before anything was injected, unless the machine may have brought it about."""
-    told = f"before anything was injected: {what}"
-    trial.ended = "not begun"
-    late_s = 0.0
-    if ground.real_time:
-        ground.watch.end()
-        late_s = ground.watch.late_s(ground.watch.looks[0].time_s, ground.watch.now())
-    if late_s > ground.period_s:
-        trial.not_judged.append(f"{told}; the machine was late by {late_s:.3f} s until then")
-    else:
-        trial.violations.append(told)
+def judge_uninvited(trial: Trial, ground: Ground, what: str) -> Trial:
+    """A fault or a refusal before anything was injected."""
+    trial.ended = NOT_BEGUN
+    trial.violations.append(f"before anything was injected: {what}")
+    judge_machine(trial, ground)
+    return trial
+
+
+def judge_machine(trial: Trial, ground: Ground) -> None:
+    """Take broken promises for not judged where the machine alone may have broken them.
+
+    That is where it kept the loop or the simulation waiting for as long as the controller may lose replies.
+    """
+    if not ground.real_time or not trial.violations:
+        return
+    ground.watch.look()
+    bearable_s = (ground.rig.controller.lost_replies_allowed + 1) * ground.period_s
+    late_s = ground.watch.held_up_s(2.0 * bearable_s)
+    if late_s > bearable_s:
+        trial.not_judged += [f"{told}; the machine was late by {late_s:.3f} s" for told in trial.violations]
+        trial.violations.clear()

@@ -22,7 +22,9 @@ class Trial:
     violations
         Broken promises, in words.
     not_judged
-        What came too late while the machine was late itself, in words.
+        What broke while the machine was late itself, in words.
+    attempts_before
+        The same of earlier attempts at this trial.
     """
 
     backend: str
@@ -36,3 +38,4 @@ class Trial:
     ended: str = ""
     violations: list[str] = field(default_factory=list)
     not_judged: list[str] = field(default_factory=list)
+    attempts_before: list[str] = field(default_factory=list)

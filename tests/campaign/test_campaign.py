@@ -13,7 +13,7 @@ from tests.campaign.grounds import available
 from tests.campaign.outcome import Trial
 from tests.campaign.soak import soak
 from tests.campaign.times import ENOUGH, Judge, worst
-from tests.campaign.trial import run_trial
+from tests.campaign.trial import run_fairly, run_trial
 from tests.campaign.watch import LOOK_S, Look, Watch
 
 SEED = 20261126
@@ -64,7 +64,7 @@ def test_some_faults_on_the_others(backend: str, fault: str, stage: str, tmp_pat
     if why:
         pytest.skip(f"{backend}: {why}")
     cause = next(cause for cause in CAUSES if cause.name == fault)
-    trial = run_trial(backend, cause, stage, SEED, tmp_path)
+    trial = run_fairly(backend, cause, stage, SEED, tmp_path)
     if trial is None:
         pytest.skip(f"{backend} knows no {fault!r}")
     assert not trial.violations, trial
@@ -101,14 +101,22 @@ def test_what_the_machine_may_have_delayed_is_said_and_not_judged(late_s: float,
     assert (len(trial.violations), len(trial.not_judged)) == (broken, unjudged)
 
 
+def test_a_machine_is_late_within_a_while_and_not_in_all() -> None:
+    looks = [Look(0.1 * k, None, late_s) for k, late_s in enumerate((0.0, 0.01, 0.02, 0.07, 0.08, 0.09))]
+    watch = Watch(VirtualClock(), lambda: np.zeros(1), looks=looks)
+    assert watch.held_up_s(0.05) == pytest.approx(0.05)
+    assert watch.held_up_s(0.15) == pytest.approx(0.06)
+
+
 def test_shafts_are_judged_by_where_they_are_and_not_by_what_was_commanded() -> None:
     """On a clock that looks while it sleeps, a shaft is followed until it stays where it is."""
     clock = VirtualClock()
     watch = Watch(clock, lambda: np.array([min(clock.now(), 0.1), 0.0]))
+    watch.seeing = True
     watch.begin()
     for _ in range(10):
         watch.sleep_until(clock.now() + 0.04)
-    watch.end()
+    watch.look()
     still, unseen = watch.still_from(np.array([1e-3, 1e-3]))
     assert 0.099 <= still <= 0.1 + LOOK_S
     assert 0.0 < unseen <= LOOK_S + 1e-9

@@ -64,11 +64,12 @@ def judge_times(trial: Trial, cause: Cause, ground: Ground, after: Sequence[Cycl
         return
     noticed = after[first].time_s
     trial.noticed_s = noticed - injected_s
-    resting = next((record for record in after[first:] if record.rate == 0.0), None)
-    if resting is None:
+    moving = max((k for k, record in enumerate(after) if record.rate != 0.0), default=-1)
+    if moving + 1 == len(after):
         trial.violations.append("never came to rest")
         return
-    trial.rested_s, trial.within_s = resting.time_s - noticed, resting.time_s - injected_s
+    resting = after[moving + 1].time_s
+    trial.rested_s, trial.within_s = max(0.0, resting - noticed), resting - injected_s
     judge = Judge(trial, ground.watch)
     notice = _notice_limit(cause, ground)
     if notice is not None and trial.stage not in AT_REST:

@@ -11,16 +11,31 @@ from ori_deploy.deploy.localise import Localiser
 from ori_deploy.deploy.path import PathTable
 from ori_deploy.deploy.result import CycleRecord, StartRefused
 from ori_deploy.deploy.states import IllegalCommand, State
+from ori_deploy.errors import OriDeployError
 from ori_deploy.motion.recovery import Recovery
 from tests.campaign.faults import MOVING, RECOVERY, SEATING, Cause
 from tests.campaign.grounds import DEPLOYED, GROUNDS, STOWED, Ground, Start
-from tests.campaign.judging import judge_ending, judge_goals, judge_recovery, judge_rest, judge_uninvited
+from tests.campaign.judging import (
+    NOT_BEGUN,
+    judge_ending,
+    judge_goals,
+    judge_machine,
+    judge_recovery,
+    judge_rest,
+    judge_uninvited,
+)
 from tests.campaign.outcome import Trial
 from tests.campaign.times import judge_times
 
 PATIENCE_S = 15.0
-WATCHED_S = 0.6
-"""How long what rests is looked at."""
+WATCHED_S, SHORTLY_S = 0.6, 0.2
+"""How long what rests is looked at, and where only times matter."""
+
+RAISED = "raised"
+"""How a trial ends that nobody could carry out."""
+
+ATTEMPTS = 3
+"""At a trial that the machine does not let anybody judge."""
 
 BEFORE_SLITS, AMONG_SLITS = 0.85, (0.905, 0.95)
 """Fold where a motion into the seating begins, and those between which something is spoilt."""
@@ -55,24 +70,26 @@ def run_trial(
         try:
             reached = _reach(ground, stage, hinge, generator)
         except (BusError, IllegalCommand, StartRefused) as refused:
-            judge_uninvited(trial, ground, repr(refused))
-            return trial
+            return judge_uninvited(trial, ground, repr(refused))
         if ground.controller.fault is not None:
-            judge_uninvited(trial, ground, str(ground.controller.fault))
-            return trial
+            return judge_uninvited(trial, ground, str(ground.controller.fault))
         if not reached and stage in MOVING | {"recover"}:
-            judge_uninvited(trial, ground, "it never got there")
-            return trial
+            return judge_uninvited(trial, ground, "it never got there")
         if not reached:
             return None  # a stage that this backend passes at once
         if not ground.real_time:  # there, any moment between two cycles is as likely as any other by itself
             ground.watch.sleep_until(ground.watch.now() + generator.uniform(0.0, ground.period_s))
         before = len(ground.records)
-        ground.watch.begin()
+        ground.watch.seeing = True
+        if ground.real_time:
+            ground.watch.look()
+        else:
+            ground.watch.begin()
         injected_s = ground.watch.now()
         _inject(ground, cause.name, hinge)
-        _let_it_end(ground)
-        ground.watch.end()
+        _let_it_end(ground, SHORTLY_S if only_times else WATCHED_S)
+        ground.watch.look()
+        ground.watch.seeing = False
         judge_times(trial, cause, ground, ground.records[before:], injected_s)
         judge_ending(trial, cause, ground)
         if not only_times:
@@ -80,6 +97,27 @@ def run_trial(
             _go_on(trial, ground)
         judge_goals(trial, ground)
         judge_recovery(trial, ground)
+        judge_machine(trial, ground)
+    return trial
+
+
+def run_fairly(backend: str, cause: Cause, stage: str, seed: int, folder: Path) -> Trial | None:
+    """The trial; again, some times, where nobody can tell a broken promise from a machine that was late itself."""
+    before: list[str] = []
+    for attempt in range(ATTEMPTS):
+        again = folder / str(attempt)
+        again.mkdir()
+        trial: Trial | None
+        try:
+            trial = run_trial(backend, cause, stage, seed, again)
+        except OriDeployError as raised:
+            trial = Trial(backend, cause.name, stage, seed, ended=RAISED, violations=[f"raised {raised!r}"])
+        if trial is None:
+            return None
+        trial.attempts_before = list(before)
+        if not trial.not_judged and trial.ended not in (RAISED, NOT_BEGUN):
+            break
+        before += trial.not_judged + trial.violations
     return trial
 
 
@@ -205,10 +243,10 @@ def _steps(ground: Ground, count: int) -> None:
             ground.controller.step()
 
 
-def _let_it_end(ground: Ground) -> None:
+def _let_it_end(ground: Ground, watched_s: float) -> None:
     """Until nothing is under way, and a while longer: what rests may still be told of a fault."""
     end = ground.watch.now() + PATIENCE_S
-    until = ground.watch.now() + WATCHED_S
+    until = ground.watch.now() + watched_s
     while ground.watch.now() < end and (ground.controller.under_way or ground.watch.now() < until):
         ground.controller.step()
 

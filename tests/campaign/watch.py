@@ -30,19 +30,19 @@ class Look:
     time_s
         On the controller's clock.
     shaft_rad
-        (n_hinges,) where the shafts truly are.
+        (n_hinges,) where the shafts truly are; None when nobody wants to know.
     late_s
         For how long this process and the simulation have been kept waiting since `Watch.begin`.
     """
 
     time_s: float
-    shaft_rad: FloatArray
+    shaft_rad: FloatArray | None
     late_s: float
 
 
 @dataclass
 class Watch:
-    """The controller's clock. Between `begin` and `end` it looks at the shafts now and then while it sleeps.
+    """The controller's clock. From `begin` on it looks now and then, while it sleeps, how late the machine is.
 
     Parameters
     ----------
@@ -52,12 +52,18 @@ class Watch:
         (n_hinges,) where they truly are.
     simulation
         Process of the simulation; None for a virtual clock, on which nobody is late.
+
+    Attributes
+    ----------
+    seeing
+        Whether it looks at the shafts as well, which costs the simulation some time.
     """
 
     clock: Clock
     shafts: Callable[[], FloatArray]
     simulation: Callable[[], int] | None = None
     looks: list[Look] = field(default_factory=list)
+    seeing: bool = False
     _watching: bool = False
     _overslept_s: float = 0.0
     _waited_s: tuple[float, float] = (0.0, 0.0)
@@ -71,12 +77,11 @@ class Watch:
         self.looks, self._overslept_s = [], 0.0
         self._waited_s = self._waits()
         self._watching = True
-        self._look()
+        self.look()
 
-    def end(self) -> None:
-        """Look once more, and no longer."""
-        self._look()
-        self._watching = False
+    def look(self) -> None:
+        """Look now."""
+        self.looks.append(Look(self.clock.now(), self.shafts() if self.seeing else None, self._late_s()))
 
     def sleep_until(self, deadline: float) -> None:
         """As the clock does it, with looks in between."""
@@ -85,7 +90,7 @@ class Watch:
             return
         while (now := self.clock.now()) < deadline:
             if deadline - now > LEAST_S and now - self.looks[-1].time_s > 0.5 * LOOK_S:
-                self._look()
+                self.look()
             until = min(deadline, self.clock.now() + LOOK_S)
             self.clock.sleep_until(until)
             self._overslept_s += max(0.0, self.clock.now() - until)
@@ -96,6 +101,13 @@ class Watch:
         after = [look.late_s for look in self.looks if look.time_s >= end_s]
         return (after[0] if after else self.looks[-1].late_s) - (before[-1] if before else 0.0)
 
+    def held_up_s(self, window_s: float) -> float:
+        """For how long the machine had something else to do within such a time, at its worst."""
+        times = np.array([look.time_s for look in self.looks])
+        late = np.array([look.late_s for look in self.looks])
+        ends = np.minimum(np.searchsorted(times, times + window_s), len(times) - 1)
+        return float((late[ends] - late).max(initial=0.0))
+
     def still_from(self, away_rad: FloatArray) -> tuple[float, float]:
         """When the shafts were first seen where they stay, and how long before that somebody had looked.
 
@@ -104,15 +116,13 @@ class Watch:
         away_rad
             (n_hinges,) as near to where it stays counts as being there.
         """
-        last = self.looks[-1].shaft_rad
-        moving = [k for k, look in enumerate(self.looks) if (np.abs(look.shaft_rad - last) > away_rad).any()]
+        seen = [(look.time_s, look.shaft_rad) for look in self.looks if look.shaft_rad is not None]
+        last = seen[-1][1]
+        moving = [k for k, (_, shaft) in enumerate(seen) if (np.abs(shaft - last) > away_rad).any()]
         if not moving:
-            return self.looks[0].time_s, 0.0
-        before, there = self.looks[moving[-1]], self.looks[min(moving[-1] + 1, len(self.looks) - 1)]
-        return there.time_s, there.time_s - before.time_s
-
-    def _look(self) -> None:
-        self.looks.append(Look(self.clock.now(), self.shafts(), self._late_s()))
+            return seen[0][0], 0.0
+        before, there = seen[moving[-1]][0], seen[min(moving[-1] + 1, len(seen) - 1)][0]
+        return there, there - before
 
     def _late_s(self) -> float:
         """What was overslept shows in the time of waiting, too, as far as it was no fault of the timer."""
