@@ -40,7 +40,7 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Every fault in every stage on every backend, then an hour's soak in simulated time; some 40 minutes.
+# Every fault in every stage on every backend, then an hour's soak in simulated time; more than an hour.
 campaign: install firmware-tools
 	$(BIN)/python -m tests.campaign
 
