@@ -24,7 +24,7 @@ class Entry(NamedTuple):
 
 ENTRIES: Mapping[str, Entry] = MappingProxyType(
     {
-        "aircraft": Entry("aircraft", "aircraft", "Print what flies on a deployable wing, beside what was published."),
+        "aircraft": Entry("aircraft", "aircraft", "Print polar, trim, stability, endurance of an aircraft."),
         "bus": Entry("bus", "bus", "Find, name, calibrate and watch single Dynamixel servos."),
         "demo": Entry("demo", "demo", "Design, plan, deploy and stow a simulated wing; report."),
         "deploy": Entry("motions", "deploy", "Carry PLAN out: unlock, open, latch."),
