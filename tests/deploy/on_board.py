@@ -6,7 +6,7 @@ import copy
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from ori_deploy.motion.plan import Plan
 from sim_backends.microcontroller.build import Port
 from sim_backends.microcontroller.from_rig import world_from_rig
 from sim_backends.microcontroller.launcher import Microcontroller, Pulses
+from sim_backends.microcontroller.spec import WorldSpec
 from tests.contract.backends import BOARD_RIG, configure
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 from tests.sim_backends.microcontroller.bench import need
@@ -88,9 +89,10 @@ def on_board(
     rate_hz: float = 25.0,
     seed: int = 1,
     mcu: dict[str, Any] | None = None,
+    stops: dict[int, float] | None = None,
     **tables: Any,
 ) -> Iterator[Setup]:
-    """Stowed, its configuration written; `mcu` and `tables` change the rig.
+    """Stowed, its configuration written; `mcu` and `tables` change the rig; `stops` are folds no cell gets beyond.
 
     A slow loop, a long queue and a patient board: the machine that runs the tests has other things to do as well.
     """
@@ -108,6 +110,8 @@ def on_board(
     angles = plan.crease_angles_rad
     start = None if start_fold is None else angles[int(np.searchsorted(plan.fold, start_fold))]
     world = world_from_rig(rig, angles[0], angles[-1], start_rad=start, seed=seed)
+    for cell, fold in (stops or {}).items():
+        world = _stopped(world, cell, plan, rig, fold)
     with Microcontroller(world, link, port=port) as board:
         board.wait_ready()
         clock = MonotonicClock()
@@ -121,6 +125,15 @@ def on_board(
             yield setup
         finally:
             controlled.close()
+
+
+def _stopped(world: WorldSpec, cell: int, plan: Plan, rig: ResolvedRig, fold: float) -> WorldSpec:
+    """The same with an end stop in a cell's way."""
+    shaft = rig.to_actuator(plan.crease_angles_rad)[:, cell]
+    end = {"upper_rad" if shaft[-1] > shaft[0] else "lower_rad": float(np.interp(fold, plan.fold, shaft))}
+    hinges = list(world.hinges)
+    hinges[cell] = replace(hinges[cell], **end)
+    return replace(world, hinges=tuple(hinges))
 
 
 def _listen(setup: Setup) -> None:
