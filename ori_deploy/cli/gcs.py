@@ -17,7 +17,7 @@ from ori_deploy.errors import InputError
 from ori_deploy.mav.ground import GroundStation, Structure, Text, Verdict
 from ori_deploy.wire.vehicle import Party, dialect
 
-DEFAULT_LINK = "udpout:127.0.0.1:14550"
+DEFAULT_LINK = "udpout:127.0.0.1:14560"
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -204,15 +204,20 @@ def _line(told: Structure | Text) -> str:
     percent = "" if told.progress is None else f"  {told.progress:3d} %"
     latches = f"latches {told.latches_confirmed}/{told.latches}"
     fault = f"  fault {told.fault}" if told.fault else ""
-    return f"{told.state.name.lower():12s} fold {told.fold:6.3f}{percent}  {latches}{fault}"
+    fold = _known(told.fold, f"{told.fold:6.3f}")
+    return f"{told.state.name.lower():12s} fold {fold}{percent}  {latches}{fault}"
+
+
+def _known(value: float, text: str) -> str:
+    return text if math.isfinite(value) else "not known"
 
 
 def _rows(told: Structure) -> list[tuple[str, str]]:
     return [
         ("stage", told.stage or "none"),
         ("fault", told.fault or "none"),
-        ("fold commanded", f"{told.fold:.4f}"),
-        ("fold measured", f"{told.fold_lowest:.4f} to {told.fold_highest:.4f}"),
+        ("fold commanded", _known(told.fold, f"{told.fold:.4f}")),
+        ("fold measured", _known(told.fold_lowest, f"{told.fold_lowest:.4f} to {told.fold_highest:.4f}")),
         ("progress", "none" if told.progress is None else f"{told.progress} %"),
         ("latches", f"{told.latches_confirmed} of {told.latches} confirmed"),
         ("deployed and locked", "yes" if told.locked else "no"),

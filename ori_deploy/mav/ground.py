@@ -1,6 +1,6 @@
 """The ground's side: command a structure on a vehicle's network, and see how it is.
 
->>> with GroundStation("udpout:127.0.0.1:14550") as station:
+>>> with GroundStation("udpout:127.0.0.1:14560") as station:
 ...     print(station.deploy(progress=print))
 """
 
@@ -30,6 +30,8 @@ PROGRESS_S = 5.0
 """Silence in the middle of a motion after which the command is repeated, to hear how far it is or how it ended."""
 FIND_S = 5.0
 WAIT_S = 0.1
+REFUSED = "refused"
+"""Reason of a controller that refused: a failure in MAVLink's words, and nothing was begun."""
 
 
 class State(IntEnum):
@@ -84,7 +86,8 @@ class Verdict:
     @property
     def refused(self) -> bool:
         """Whether nothing was begun."""
-        return self.result in (Result.TEMPORARILY_REJECTED, Result.DENIED, Result.UNSUPPORTED)
+        told_so = self.result in (Result.TEMPORARILY_REJECTED, Result.DENIED, Result.UNSUPPORTED)
+        return told_so or (self.result is Result.FAILED and self.reason == REFUSED)
 
     def __str__(self) -> str:
         said = self.result.name.lower().replace("_", " ")
