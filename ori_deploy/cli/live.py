@@ -58,6 +58,11 @@ class Live:
         if self._screen is not None:
             self._screen.end(str(result.state), float(result.duration_s), verdict)
 
+    def line(self, text: str) -> None:
+        """Something to keep, whatever moves."""
+        if self._screen is not None:
+            self._screen.line(text)
+
     def __call__(self, record: CycleRecord) -> None:
         if self._screen is None:
             return

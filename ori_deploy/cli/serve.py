@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -105,10 +106,41 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
         with (
             _network(settings, controller, session, plan, rig, bus, clock, orders, recorder) as (desk, network),
             OperatorSocket(desk) as socket,
+            _warnings(live),
             punctual(True),
         ):
             console.print(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it", markup=False)
             _Loop(controller, orders, stop, socket, network, recorder, live).run()
+
+
+class _OnScreen(logging.Handler):
+    """Shows warnings without ever making the loop wait for a terminal."""
+
+    def __init__(self, live: Live) -> None:
+        super().__init__(logging.WARNING)
+        self._live = live
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show one."""
+        self._live.line(f"{record.levelname.lower()}: {record.getMessage()}")
+
+
+@contextmanager
+def _warnings(live: Live) -> Iterator[None]:
+    """What the network and the operators' socket have to say is seen: nobody is told of it by a result."""
+    handler = _OnScreen(live)
+    loggers = [logging.getLogger(f"ori_deploy.{room}") for room in ("mav", "operate")]
+    for logger in loggers:
+        logger.setLevel(logging.WARNING)
+        logger.propagate = False
+        logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)
+            logger.propagate = True
+            logger.setLevel(logging.NOTSET)
 
 
 @contextmanager
