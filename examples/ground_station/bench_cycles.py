@@ -1,0 +1,37 @@
+"""Deploy and fold again and again; times and worst tracking of every cycle as CSV.
+
+python examples/ground_station/bench_cycles.py udpout:127.0.0.1:14560 20 > cycles.csv
+"""
+
+import csv
+import math
+import sys
+import time
+
+from ori_deploy.mav.ground import GroundStation
+
+
+def main(link: str, cycles: int) -> int:
+    table = csv.writer(sys.stdout)
+    table.writerow(["cycle", "deploy_s", "fold_s", "worst_tracking_deg", "latches_confirmed"])
+    with GroundStation(link) as station:
+        for cycle in range(1, cycles + 1):
+            times = []
+            for move in (station.deploy, station.fold):
+                began = time.monotonic()
+                verdict = move()
+                times.append(f"{time.monotonic() - began:.2f}")
+                told = station.status()
+                if not verdict.accepted:
+                    print(f"cycle {cycle}: {move.__name__} {verdict}; {told.fault}", file=sys.stderr)
+                    return 1
+                if move == station.deploy:
+                    latched = told.latches_confirmed
+            worst = math.degrees(told.worst_tracking_rad)  # since the component was started
+            table.writerow([cycle, *times, f"{worst:.2f}", latched])
+            sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], int(sys.argv[2])))

@@ -1,0 +1,39 @@
+"""Command a motion, `deploy` or `fold`, record what the structure tells meanwhile, and draw it.
+
+python examples/ground_station/plot_telemetry.py udpout:127.0.0.1:14560 deploy deploy.png
+"""
+
+import math
+import sys
+import threading
+import time
+
+from matplotlib.figure import Figure
+
+from ori_deploy.mav.ground import GroundStation, Structure
+from ori_deploy.wire.vehicle import Party
+
+
+def main(link: str, command: str, picture: str) -> None:
+    times, told = [], []
+    with GroundStation(link) as pilot, GroundStation(link, party=Party(254, 190)) as watcher:
+        moving = threading.Thread(target=lambda: print(getattr(pilot, command)()))
+        moving.start()
+        for one in watcher.monitor():
+            if isinstance(one, Structure):
+                times.append(time.monotonic())
+                told.append(one)
+                if one.at_rest and not moving.is_alive():
+                    break
+    seconds = [at - times[0] for at in times]
+    upper, lower = (figure := Figure(layout="constrained")).subplots(2, sharex=True)
+    upper.fill_between(seconds, [s.fold_lowest for s in told], [s.fold_highest for s in told], alpha=0.3)
+    upper.plot(seconds, [s.fold for s in told])
+    upper.set(ylabel="fold: commanded, cells measured")
+    lower.plot(seconds, [math.degrees(s.worst_tracking_rad) for s in told])
+    lower.set(ylabel="worst tracking so far, deg", xlabel="time, s")
+    figure.savefig(picture, dpi=150)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:4])
