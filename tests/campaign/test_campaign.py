@@ -20,7 +20,7 @@ SEED = 20261126
 FAST = ("open", "close")
 """Stages that are tried in the fast suite with every fault; the rest comes with the slow tests."""
 
-FAST_IN_RECOVERY = ("silence", "jam", "unplugged", "emergency stop")
+FAST_IN_RECOVERY = ("silence", "emergency stop")
 """Faults that are tried in the fast suite on the way back into step."""
 
 ON_MOCK = [cause for cause in CAUSES if "board" not in cause.name]
