@@ -63,7 +63,7 @@ def test_a_deployment_is_told_from_beginning_to_end() -> None:
 
 
 def test_who_asks_how_it_is_after_the_end_is_told_of_the_end() -> None:
-    w = world()
+    w = world(telemetry_hz=20.0)
     w.run(0.1)
     w.hear(command(DEPLOY))
     w.until(lambda: w.state is State.DEPLOYED)
