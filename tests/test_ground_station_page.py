@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 import shlex
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,6 +23,8 @@ from ori_deploy.mav.link_spec import FORMS
 from ori_deploy.mav.parameters import parameters_of
 from ori_deploy.mav.settings import DEPLOY_RULES, MOST_LINKS, Settings, load_settings
 from ori_deploy.wire.vehicle import dialect
+from tests.cli.serving import quick_plan, serving
+from tests.mav.stations import MavProxy
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "ground-station.md").read_text()
@@ -254,6 +257,48 @@ def test_every_command_of_the_ground_is_in_the_table() -> None:
     assert [row[0].removeprefix("ori-deploy gcs ") for row in rows] == list(
         sorted(gcs.commands, key=[row[0].split()[-1] for row in rows].index)
     )
+
+
+class Signer(MavProxy):
+    """MAVProxy that is told the passphrase of the page first: without it nobody answers."""
+
+    def started(self) -> None:
+        (words,) = re.findall(r"`(signing key [^`]+)`", PAGE)
+        self.send(words)
+        super().started()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("runtime_folder")
+@pytest.mark.parametrize("station", [MavProxy, Signer])
+def test_mavproxy_does_what_the_page_has_it_do(station: type[MavProxy], tmp_path: Path) -> None:
+    (phrase,) = re.findall(r'echo "(passphrase:[^"]+)"', PAGE)
+    (tmp_path / "mavlink.key").touch(mode=0o600)
+    (tmp_path / "mavlink.key").write_text(phrase)
+    signed = {"key_file": "mavlink.key"} if station is Signer else {}
+    (snippet,) = re.findall(r"^```\n(alias add.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    *aliases, deploy, show, change = snippet.splitlines()
+    with serving(quick_plan(tmp_path), tmp_path, deploy_when="always", **signed) as served, station(served.port) as s:
+        assert s.parameters() == 6
+        for line in aliases:
+            s.send(line)
+        s.send(deploy)
+        assert s.acknowledged() == "IN_PROGRESS"
+        while (told := s.acknowledged(within=60.0)) == "IN_PROGRESS":
+            pass
+        assert told == "ACCEPTED"
+        s.send("wing-fold")
+        assert s.acknowledged() == "TEMPORARILY_REJECTED"
+        s.send("wing-stop")
+        assert s.acknowledged() == "ACCEPTED"
+        s.send("wing-clear")
+        assert s.acknowledged() == "ACCEPTED"
+        s.send(show)
+        s.wait_for("^ORI_SPEED +1")
+        s.send(change)
+        deadline = time.monotonic() + 20.0
+        while s.parameter("ORI_SPEED") != 0.5:
+            assert time.monotonic() < deadline
 
 
 def test_examples_are_named_and_short() -> None:
