@@ -109,7 +109,7 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
             _warnings(live),
             punctual(True),
         ):
-            console.print(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it", markup=False)
+            _say(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it")
             _Loop(controller, orders, stop, socket, network, recorder, live).run()
 
 
@@ -225,8 +225,13 @@ class _Loop:
     def _tell_held(self, told: bool) -> bool:
         held = self.controller.state is State.HOLD
         if held and not told:
-            console.print("held: another order goes on or turns round; `ori-deploy stop` gives it up", markup=False)
+            _say("held: another order goes on or turns round; `ori-deploy stop` gives it up")
         return held
+
+
+def _say(text: str) -> None:
+    """A line that stays one, for whoever reads it out of a file."""
+    console.print(text, markup=False, soft_wrap=True)
 
 
 def _where(settings: Settings | None) -> str:

@@ -120,5 +120,5 @@ def serving(plan: Path, folder: Path, *words: object, **keys: Any) -> Iterator[S
     (folder / "mavlink.toml").write_text(tomli_w.dumps(settings))
     line = ("serve", plan, "--rig", plan.with_name("rig.toml"), "--mavlink", "mavlink.toml", *words)
     with session(folder, *line) as process:
-        process.until("serving")
+        process.until("; Ctrl-C ends it")
         yield Served(process, port, folder)
