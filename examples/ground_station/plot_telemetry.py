@@ -26,12 +26,12 @@ def main(link: str, command: str, picture: str) -> None:
                 if one.at_rest and not moving.is_alive():
                     break
     seconds = [at - times[0] for at in times]
+    fold, low, high = zip(*((s.fold, s.fold_lowest - s.fold, s.fold_highest - s.fold) for s in told), strict=True)
     upper, lower = (figure := Figure(layout="constrained")).subplots(2, sharex=True)
-    upper.fill_between(seconds, [s.fold_lowest for s in told], [s.fold_highest for s in told], alpha=0.3)
-    upper.plot(seconds, [s.fold for s in told])
-    upper.set(ylabel="fold: commanded, cells measured")
-    lower.plot(seconds, [math.degrees(s.worst_tracking_rad) for s in told])
-    lower.set(ylabel="worst tracking so far, deg", xlabel="time, s")
+    upper.plot(seconds, fold)
+    upper.set(ylabel="fold commanded", title=f"worst tracking {math.degrees(told[-1].worst_tracking_rad):.2f} deg")
+    lower.fill_between(seconds, low, high, alpha=0.5)
+    lower.set(ylabel="measured − commanded, all cells", xlabel="time, s")
     figure.savefig(picture, dpi=150)
 
 
