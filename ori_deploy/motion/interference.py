@@ -11,7 +11,6 @@ what they overlap grows as the crease goes on, so the poses themselves, ends inc
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -347,7 +346,7 @@ class Interference:
             most = float(self.contact.travel(*ends, np.arange(count), i, j).max())
             if most <= self.allowed_m:
                 return rows
-            count *= max(2, math.ceil(most / self.allowed_m))
+            count *= max(2, int(np.ceil(most / self.allowed_m)))
 
     def clearance(self, fold: ArrayLike) -> Clearance:
         """Smallest distance between two panels whose bodies share no crease nor always touch, over poses in step.
