@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from ori_deploy.design import Structure
 from ori_deploy.errors import FileError, InputError
+from ori_deploy.files.design_schema import DesignFile, first_fault
 from ori_deploy.files.shape_entries import (
     AnyStructure,
     ConeEntries,
@@ -158,12 +160,18 @@ def load_design(path: Path) -> Design:
             f"{path}: kind", value=data.get("kind"), limit=" | ".join(kinds), remedy="make the file again"
         )
     try:
+        told = DesignFile.model_validate(data)
         structure = _rebuild(data)
         recorded = np.array([[cell["creases"][c] for c in CREASES] for cell in data["cells"]], dtype=float)
-        span, r_min = _lengths(data)
+        span, r_min = told.span_m, told.r_min_m
         segments = read_span(data, structure, span) if isinstance(structure, Structure) else 1
         strip = read_strip(data, structure, r_min, r_min + span)
-        name = str(data["name"])
+    except ValidationError as wrong:
+        raise FileError(
+            f"{path}: not a whole design",
+            value=first_fault(wrong.errors()),
+            remedy="make it again with ori-deploy design",
+        ) from wrong
     except InputError as wrong:
         wrong.source = wrong.source or str(path)
         raise
@@ -173,28 +181,14 @@ def load_design(path: Path) -> Design:
             value=f"{type(wrong).__name__}: {wrong}",
             remedy="make it again with ori-deploy design",
         ) from wrong
-    ids = [[cell.get("id") for cell in cells] for cells in (data["layout"]["cells"], data["cells"])]
-    panel_ids = [panel.get("id") for panel in data.get("panels", [])]
+    ids = [[cell.id for cell in cells] for cells in (told.layout.cells, told.cells)]
+    panel_ids = [panel.id for panel in told.panels]
     if ids != 2 * [list(structure.layout.cell_ids)] or panel_ids != list(structure.layout.panel_ids):
         raise FileError(f"{path}: ids of cells or panels", limit="c1, c2, … in order", remedy="make the file again")
-    design = Design(name, span, structure, digest(path), segments, r_min, strip)
+    design = Design(told.name, span, structure, digest(path), segments, r_min, strip)
     _compare(path, design.entries, structure.profile.size, recorded, data)
     _compare_derived(path, data, design_data(design))
     return design
-
-
-def _lengths(data: dict[str, Any]) -> tuple[float, float]:
-    """span_m and r_min_m."""
-    span, r_min = data["span_m"], data.get("r_min_m", 0.0)
-    for key, value, least in (("span_m", span, 1e-12), ("r_min_m", r_min, 0.0)):
-        if type(value) not in (int, float) or not least <= value <= 1e4:
-            raise FileError(
-                key,
-                value=repr(value),
-                limit="a number of metres, span_m > 0, r_min_m >= 0",
-                remedy="make it again with ori-deploy design",
-            )
-    return float(span), float(r_min)
 
 
 def _compare_derived(path: Path, data: dict[str, Any], built: dict[str, Any]) -> None:

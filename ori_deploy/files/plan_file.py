@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from ori_deploy.errors import FileError
+from ori_deploy.files.design_schema import first_fault
+from ori_deploy.files.plan_schema import PlanFile
 from ori_deploy.files.text import read_json, write_atomically
 from ori_deploy.motion import CREASES, MotionCheck, Plan, StepTolerance
 from ori_deploy.motion.plan import SpanStage
@@ -77,7 +80,14 @@ def load_plan(path: Path) -> Plan:
     """
     data = read_json(path, PLAN_SCHEMA)
     try:
+        PlanFile.model_validate(data)
         plan = _plan(data)
+    except ValidationError as wrong:
+        raise FileError(
+            f"{path}: not a whole plan",
+            value=first_fault(wrong.errors()),
+            remedy="make it again with ori-deploy plan",
+        ) from wrong
     except (KeyError, TypeError, ValueError, OverflowError) as wrong:
         raise FileError(
             f"{path}: not a whole plan",
