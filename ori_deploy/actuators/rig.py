@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
+from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import ErrorDetails
 
 from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
@@ -342,8 +343,8 @@ class Rig:
     mock: MockSettings = MockSettings()
     dynamixel: DynamixelSettings | None = None
     mcu: McuSettings | None = None
-    source: str | None = None
-    sha256: str = ""
+    source: SkipJsonSchema[str | None] = None
+    sha256: SkipJsonSchema[str] = ""
 
     @model_validator(mode="after")
     def _a_backend_has_its_table(self) -> Rig:

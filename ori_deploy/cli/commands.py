@@ -43,6 +43,7 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
         "replay": Entry("replay", "replay", "Have the controller decide a LOG again, and compare."),
         "report": Entry("report", "report", "Make a page of figures from a flight LOG."),
         "resume": Entry("operate", "resume", "Go on with a motion that is paused."),
+        "schema": Entry("schema", "schema", "Print the JSON Schema of a kind of file."),
         "serve": Entry("serve", "serve", "Stay, and take orders from a MAVLink network."),
         "size": Entry("size", "size", "Print the torque that every driven hinge of DESIGN needs."),
         "status": Entry("operate", "status", "Tell what a running controller is doing."),

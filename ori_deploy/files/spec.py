@@ -161,7 +161,7 @@ class Spec(Strict):
     sweep: SweepSpec | None = None
     strip: StripSpec | None = None
 
-    @field_validator("structure", mode="plain")
+    @field_validator("structure", mode="plain", json_schema_input_type=StructureSpec | ConeStructureSpec)
     @classmethod
     def _of_the_profiles_kind(cls, value: Any, info: ValidationInfo) -> StructureSpec | ConeStructureSpec:
         profile = info.data.get("profile")

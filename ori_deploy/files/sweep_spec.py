@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -20,8 +20,10 @@ class SweepSpec(Strict):
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
 
 
-class _SweepFile(SweepSpec):
-    schema_: Annotated[str, Field(alias="schema")]
+class SweepFile(SweepSpec):
+    """The file."""
+
+    schema_: Annotated[Literal["ori-deploy/sweep/1"], Field(alias="schema")]
 
 
 def load_sweep(path: Path) -> SweepSpec:
@@ -34,6 +36,6 @@ def load_sweep(path: Path) -> SweepSpec:
     """
     data = read_toml(path, SWEEP_SCHEMA)
     try:
-        return _SweepFile.model_validate(data)
+        return SweepFile.model_validate(data)
     except ValidationError as wrong:
         raise refuse_keys(str(path), data, wrong) from wrong
