@@ -23,7 +23,7 @@ from ori_deploy.operate.messages import Code, Do, Request
 from ori_deploy.wire.vehicle import dialect
 
 STALE_ASK_S = 1.0
-"""An order that waited longer than that is not carried out: who gave it is told that nothing answered."""
+"""An order that waited longer than that is not carried out: who gave it is told that nothing answered. STOP is."""
 BEAT_S = 1.0
 SNAPSHOT_HZ = 10.0
 
@@ -87,10 +87,12 @@ class Bridge:
         self._desk, self._controller, self._interlock, self._rig = desk, controller, interlock, rig
         self._say, self._now = say, now
         self._token = 0  # of the order that is being carried out
+        self._ordered: Do | None = None  # and what it was
         self._held_for = 0
         self._record: CycleRecord | None = None
         self._beat_due = self._snapshot_due = -math.inf
         self._hold_on_loss = True
+        self._rested = True  # as it was told last
 
     def __call__(self, record: CycleRecord) -> None:
         """Remember a cycle."""
@@ -99,9 +101,11 @@ class Bridge:
     def cycle(self) -> None:
         """Once per cycle: look at the vehicle, and tell how things are when it is time."""
         self._watch_vehicle()
+        self._watch_orders()
         now = self._now()
         beat = now >= self._beat_due
-        if not beat and now < self._snapshot_due:
+        begun_or_over = self._desk.at_rest != self._rested  # a STOP is judged by that: it is not to be late
+        if not (beat or begun_or_over) and now < self._snapshot_due:
             return
         if beat:
             self._beat_due = max(self._beat_due, now - BEAT_S) + BEAT_S
@@ -135,17 +139,17 @@ class Bridge:
             self._hold(dialect.ORI_REASON_LINK_LOST)
 
     def _ask(self, ask: Ask) -> None:
-        if self._now() - ask.asked_s > STALE_ASK_S:
+        do = Do(ask.do)
+        if do is not Do.STOP and self._now() - ask.asked_s > STALE_ASK_S:
             self._say(Answered(ask.token, False, dialect.ORI_REASON_LOOP_SILENT, "the loop was too late for it"))
             return
         if ask.force:
             log.warning("%s forces %s", ask.who, ask.do)
-        do = Do(ask.do)
         answer = self._desk.answer(Request(do, force=ask.force), ask.who)
         if answer.took and do in (Do.DEPLOY, Do.STOW):
             if self._token:  # gone on with, or turned round: the older order is over
                 self._say(Ended(self._token, str(Outcome.STOPPED), "another order took its place"))
-            self._token, self._held_for = ask.token, 0
+            self._token, self._ordered, self._held_for = ask.token, do, 0
         log.info("%s asks for %s: %s", ask.who, ask.do, "taken" if answer.took else answer.why)
         reason = 0 if answer.code is None else REASONS[answer.code]
         self._say(Answered(ask.token, answer.took, reason, answer.why or ""))
@@ -165,8 +169,15 @@ class Bridge:
         if moving and self._interlock.refuses(Do.STOW, force=False) is not None:
             self._hold(dialect.ORI_REASON_VEHICLE_CHANGED)
 
+    def _watch_orders(self) -> None:
+        """Somebody at another terminal may turn round what a station wanted: its end is not the station's."""
+        if self._token and self._desk.command != self._ordered:
+            self._say(Ended(self._token, str(Outcome.STOPPED), "another order took its place"))
+            self._token = self._held_for = 0
+
     def _snapshot(self, now: float, beat: bool) -> Snapshot:
         status, record, fault = self._desk.status(), self._record, self._desk.fault
+        self._rested = status.at_rest
         folds: tuple[float, ...] = ()
         creases: tuple[float, ...] = (math.nan,) * len(self._rig.hinges)
         if record is not None:

@@ -1,0 +1,79 @@
+"""What comes at the same moment, too late, or twice: nothing is claimed that is not so, nothing goes on by itself."""
+
+from __future__ import annotations
+
+from ori_deploy.deploy.states import State
+from ori_deploy.operate.messages import Do, Request
+from ori_deploy.wire.vehicle import dialect
+from tests.mav.test_component import (
+    ACCEPTED,
+    CANCELLED,
+    DEPLOY,
+    STOP,
+)
+from tests.mav.world import US, World, command, world
+
+
+def slowly(w: World, part: float = 0.3) -> None:
+    w.hear(dialect.MAVLink_param_set_message(*US, b"ORI_SPEED", part, dialect.MAV_PARAM_TYPE_REAL32))
+
+
+def results(w: World) -> list[tuple[int, int]]:
+    """Command and result of every final answer since the last time."""
+    acks = w.take(dialect.MAVLink_command_ack_message)
+    return [(ack.command, ack.result) for ack in acks if ack.result != dialect.MAV_RESULT_IN_PROGRESS]
+
+
+# -- another terminal ----------------------------------------------------------------------------------
+
+
+def test_a_deployment_that_a_terminal_turned_round_is_not_accepted() -> None:
+    w = world()
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.2)
+    assert w.desk.answer(Request(Do.STOW), "a terminal").took
+    w.until(lambda: w.state is State.STOWED)
+    w.run(0.2)
+    assert w.answers() == [(CANCELLED, dialect.ORI_REASON_STOPPED)]
+
+
+def test_a_terminals_motion_is_not_held_for_a_station_that_wanted_the_other_one() -> None:
+    w = world(link_timeout_s=3.0)
+    slowly(w)
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.2)
+    w.desk.answer(Request(Do.STOW), "a terminal")
+    w.until(lambda: w.state is State.STOWED, ground=False)
+
+
+def test_a_stop_right_after_a_terminals_order_stops_it() -> None:
+    w = world()
+    w.run(0.13)
+    slowly(w)
+    w.run(0.02)
+    assert w.desk.answer(Request(Do.DEPLOY), "a terminal").took
+    w.cycle()
+    w.hear(command(STOP))
+    w.run(1.5)
+    assert w.state is State.ARMED
+    assert w.answers() == [(ACCEPTED, 0)]
+
+
+# -- a loop that is late ---------------------------------------------------------------------------------
+
+
+def test_a_stop_is_carried_out_however_late() -> None:
+    w = world()
+    slowly(w, 0.1)
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING)
+    w.hear(command(STOP))
+    w.loop_hangs = True
+    w.run(1.5)
+    w.loop_hangs = False
+    w.run(1.0)
+    assert w.state in (State.ARMED, State.FAULT)
+    assert w.record.rate == 0.0
