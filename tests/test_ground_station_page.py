@@ -103,6 +103,7 @@ def test_commands_and_their_aliases() -> None:
 def test_times_are_those_of_the_sources() -> None:
     for words, seconds in (
         ("within {:g} s, it gets the answer", commands.REMEMBERED_S),
+        ("within {:g} s of its first sending", commands.SENT_AGAIN_S),
         ("A refusal holds for {:g} s", commands.SAME_ANSWER_S),
         ("waited longer than {:g} s for the loop", STALE_ASK_S),
         ("gets ACCEPTED for {:g} s", component.ARMING_VALID_S),

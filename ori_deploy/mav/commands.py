@@ -1,8 +1,8 @@
 """Commands from ground stations: what each one wants, and what it is answered until the end.
 
 MAVLink's command protocol, and what a structure needs on top of it. A command that is repeated while it is being
-carried out is told how far it is; one that is repeated after its end, with a confirmation above 0, gets the answer
-that it may not have heard. Two stations may want the same thing, and are both answered.
+carried out is told how far it is; one that is repeated after its end, with a confirmation above 0 or at once, gets
+the answer that it may not have heard. Two stations may want the same thing, and are both answered.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ ANSWER_S = 2.0
 SAME_ANSWER_S = 0.2
 """For so long after a refusal the same wish is refused without asking the loop: a flood does not reach it."""
 PROGRESS_S = 0.5
+SENT_AGAIN_S = 2.0
+"""For so long stations send a command again that nobody answers, MAVSDK always with confirmation 0. What was begun
+and then stopped or held is not begun again by that: a STOP is the last word."""
 REMEMBERED = 64
 REMEMBERED_S = 10.0
 """Answers that are kept for whoever did not hear them, and for how long: stations repeat within seconds."""
@@ -108,8 +111,8 @@ class Job:
     ----------
     work, token, force
         What, by which name, and whether past the interlock.
-    askers
-        Who is to be answered, and where.
+    askers, since_s
+        Who is to be answered, and where; and when each of them wanted it first.
     begun_s
         When it was asked for.
     taken
@@ -125,9 +128,19 @@ class Job:
     force: bool
     begun_s: float
     askers: dict[Asker, Peer] = field(default_factory=dict)
+    since_s: dict[Asker, float] = field(default_factory=dict)
     taken: bool = False
     cancelled: bool = False
     told: tuple[int, float] = (-1, -math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """A last answer, when it was given, and until when the same command counts as sent again."""
+
+    verdict: Verdict
+    said_s: float
+    again_until_s: float
 
 
 class Commands:
@@ -158,7 +171,7 @@ class Commands:
         self._commanders = commanders
         self._send, self._ask, self._tell = send, ask, tell
         self._jobs: dict[Work, Job] = {}
-        self._answers: OrderedDict[Asker, tuple[Verdict, float]] = OrderedDict()
+        self._answers: OrderedDict[Asker, _Told] = OrderedDict()
         self._refusals: dict[tuple[Work, bool], tuple[Verdict, float]] = {}
         self._tokens = first_token
         self._snapshot: Snapshot | None = None
@@ -253,16 +266,17 @@ class Commands:
         job = self._jobs.get(work)
         if job is not None:
             job.askers[asker] = peer
+            job.since_s.setdefault(asker, now)
             self._acknowledge(asker, peer, dialect.MAV_RESULT_IN_PROGRESS, self._percent(job), 0)
             return
-        if again and self._remembered(asker, now) is not None:
+        if (again or self._sent_again(asker, now)) and self._remembered(asker, now) is not None:
             self._repeat(asker, peer, now)
             return
         at_once = self._at_once(work, now) or self._refused_just_now(work, force, now)
         if at_once is not None:
             self._final(asker, peer, at_once, now)
             return
-        job = Job(work, self._token(), force, now, {asker: peer})
+        job = Job(work, self._token(), force, now, {asker: peer}, {asker: now})
         self._jobs[work] = job
         self._ask(Ask(job.token, str(work), str(asker), force, now))
         if force:
@@ -278,10 +292,10 @@ class Commands:
         snapshot = self._snapshot
         if snapshot is None or self._silent(now):
             return refusal(dialect.ORI_REASON_LOOP_SILENT)
-        if _ENDS.get(work) == snapshot.state:
-            return Verdict(dialect.MAV_RESULT_ACCEPTED)
         if work in _ENDS and self.motion is not None:
             return refusal(dialect.ORI_REASON_BUSY)
+        if _ENDS.get(work) == snapshot.state:
+            return Verdict(dialect.MAV_RESULT_ACCEPTED)
         if work is Work.STOP and snapshot.at_rest and self.motion is None and not _held(snapshot):
             return Verdict(dialect.MAV_RESULT_ACCEPTED, dialect.ORI_REASON_NOTHING)
         if work is Work.CLEAR_FAULT and not snapshot.fault:
@@ -314,11 +328,15 @@ class Commands:
 
     def _end(self, job: Job, verdict: Verdict, now: float) -> None:
         del self._jobs[job.work]
+        given_up = job.taken and verdict.result != dialect.MAV_RESULT_ACCEPTED
         for asker, peer in job.askers.items():
-            self._final(asker, peer, verdict, now)
+            again_until_s = job.since_s[asker] + SENT_AGAIN_S if given_up else -math.inf
+            self._final(asker, peer, verdict, now, again_until_s)
 
-    def _final(self, asker: Asker, peer: Peer, verdict: Verdict, now: float) -> None:
-        self._answers[asker] = verdict, now
+    def _final(
+        self, asker: Asker, peer: Peer, verdict: Verdict, now: float, again_until_s: float = -math.inf
+    ) -> None:
+        self._answers[asker] = _Told(verdict, now, again_until_s)
         self._answers.move_to_end(asker)
         while len(self._answers) > REMEMBERED:
             self._answers.popitem(last=False)
@@ -326,12 +344,17 @@ class Commands:
 
     def _remembered(self, asker: Asker, now: float) -> Verdict | None:
         """The last answer, while it is what a repeated command asks for."""
-        verdict, said_s = self._answers.get(asker, (None, -math.inf))
-        if verdict is None or now - said_s > REMEMBERED_S:
+        told = self._answers.get(asker)
+        if told is None or now - told.said_s > REMEMBERED_S:
             return None
         # Repeated because of a new one that was lost? Then the older one's answer may not be true any more.
-        gone = verdict.result == dialect.MAV_RESULT_ACCEPTED and not self._still(asker)
-        return None if gone else verdict
+        gone = told.verdict.result == dialect.MAV_RESULT_ACCEPTED and not self._still(asker)
+        return None if gone else told.verdict
+
+    def _sent_again(self, asker: Asker, now: float) -> bool:
+        """Whether it is the sending again of a command that was begun and given up since."""
+        told = self._answers.get(asker)
+        return told is not None and now < told.again_until_s
 
     def _still(self, asker: Asker) -> bool:
         """Whether the structure is where a command that was accepted brought it."""

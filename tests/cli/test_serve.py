@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ori_deploy.mav.commands import SENT_AGAIN_S
 from ori_deploy.mav.ground import GroundStation, NoAnswer, Result, State, Structure, Verdict
 from ori_deploy.telemetry.read import read_run
 from tests.cli.serving import Autopilot, Served, quick_plan, serving
@@ -131,6 +133,7 @@ def test_a_fold_is_held_when_the_vehicle_arms_and_goes_on_only_when_told(plan: P
         held = served.until(lambda told: told.state is State.HOLD and told.at_rest)
         autopilot.armed = False
         assert served.until(lambda told: told.may_fold).fold == held.fold
+        time.sleep(SENT_AGAIN_S)  # sooner it might be the first one, sent again
         with served.station() as station:
             assert station.set_parameter("ORI_SPEED", 1.0) == 1.0
             assert station.fold().accepted

@@ -347,7 +347,7 @@ def test_a_fault_fails_the_command_and_is_cleared_by_one() -> None:
     w.hear(command(DEPLOY))
     w.until(lambda: w.state is State.MOVING)
     w.bench.controller.emergency_stop("a test")
-    w.run(1.2)
+    w.run(2.2)
     assert w.answers() == [(FAILED, dialect.ORI_REASON_FAULT)]
     beats = w.take(dialect.MAVLink_heartbeat_message)
     assert beats[-1].system_status == dialect.MAV_STATE_CRITICAL

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from ori_deploy.deploy.states import State
 from ori_deploy.operate.messages import Do, Request
 from ori_deploy.wire.vehicle import dialect
@@ -9,7 +11,10 @@ from tests.mav.test_component import (
     ACCEPTED,
     CANCELLED,
     DEPLOY,
+    FOLD,
+    LATER,
     STOP,
+    deployed,
 )
 from tests.mav.world import US, World, command, world
 
@@ -59,6 +64,61 @@ def test_a_stop_right_after_a_terminals_order_stops_it() -> None:
     w.run(1.5)
     assert w.state is State.ARMED
     assert w.answers() == [(ACCEPTED, 0)]
+
+
+# -- two orders at once ----------------------------------------------------------------------------------
+
+
+def test_deploy_is_not_accepted_while_a_fold_is_about_to_begin() -> None:
+    w = deployed()
+    w.hear(command(FOLD))
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.STOWED)
+    w.run(0.2)
+    assert results(w) == [(DEPLOY, LATER), (FOLD, ACCEPTED)]
+
+
+@pytest.mark.parametrize("by_cancel", [False, True])
+def test_a_command_sent_again_after_a_stop_does_not_begin_again(by_cancel: bool) -> None:
+    """MAVSDK sends a command four times in 2 s, always with confirmation 0, while it hears no answer."""
+    w = deployed()
+    slowly(w)
+    w.run(0.1)
+    w.hear(command(FOLD))
+    w.run(0.2)
+    w.hear(dialect.MAVLink_command_cancel_message(1, 140, FOLD) if by_cancel else command(STOP))
+    w.until(lambda: w.state is State.ARMED)
+    w.run(0.1)
+    where, begun = w.record.commanded_fold, w.now
+    w.answers()
+    for _ in range(2):
+        w.hear(command(FOLD))
+        w.run(0.5)
+    assert w.record.commanded_fold == where
+    assert set(w.answers()) == {(CANCELLED, dialect.ORI_REASON_STOPPED)}
+    w.run(1.5)
+    w.hear(command(FOLD))  # a new one
+    w.until(lambda: w.state is State.STOWED)
+    assert w.now > begun
+
+
+def test_a_fold_that_was_held_and_is_sent_again_stays_held() -> None:
+    w = deployed()
+    slowly(w)
+    w.run(0.1)
+    w.hear(command(FOLD))
+    w.run(0.2)
+    w.autopilot(armed=True)
+    for _ in range(40):
+        w.cycle()
+    assert w.state is State.HOLD
+    w.autopilot(armed=False)  # all is well again, and the same command comes once more
+    w.hear(command(FOLD))
+    w.run(0.5)
+    assert w.state is State.HOLD
+    w.run(1.5)
+    w.hear(command(FOLD))
+    w.until(lambda: w.state is State.STOWED)
 
 
 # -- a loop that is late ---------------------------------------------------------------------------------

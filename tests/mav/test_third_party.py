@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ori_deploy.mav.commands import FORCE
+from ori_deploy.mav.commands import FORCE, SENT_AGAIN_S
 from ori_deploy.mav.ground import GroundStation, Structure, Verdict
 from ori_deploy.operate.client import ask, find
 from ori_deploy.operate.messages import Do, Request, Status
@@ -179,6 +179,7 @@ def test_another_stock_station_sends_int_is_heard_twice_and_cancels(plan: Path, 
         station.tell(f"send COMMAND_CANCEL {cancel}")
         assert station.final(60.0) == CANCELLED
         f.until(lambda: f.state() == "armed")
+        time.sleep(SENT_AGAIN_S)  # sooner it might be the first one, sent again
         station.command(USER_1, DEPLOY)
         f.moving()
         station.command(USER_1, DEPLOY)  # again, in the middle
