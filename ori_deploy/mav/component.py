@@ -33,6 +33,8 @@ BEAT_LATE_S = 1.0
 ARMING_VALID_S = 10
 """How long leave to arm holds."""
 PARAMETERS_PER_S = 50.0
+TUNE_EVERY_S = 0.05
+"""The loop takes a few words per cycle: a flood of parameters is not to keep a STOP waiting."""
 
 Send = Callable[[dialect.MAVLink_message, Peer | None], None]
 
@@ -81,7 +83,7 @@ class Component:
         self._stations = Stations(commanders)
         self._snapshot: Snapshot | None = None
         self._held_token = 0  # of the motion that was held because its station fell silent
-        self._telemetry_due = self._values_due = -math.inf
+        self._telemetry_due = self._values_due = self._tune_due = -math.inf
         self._to_tune = True  # whether the loop does not know the parameters as they are
         self.ignored = 0
 
@@ -117,8 +119,10 @@ class Component:
             self._ask(vehicle)
 
     def _ask_up_to_date(self, word: Word) -> None:
-        """Ask the loop for something; what the vehicle said before is known there first."""
+        """Ask the loop for something; what the vehicle said before, and what was set, is known there first."""
         self._ask(self._autopilot.vehicle)
+        if self._to_tune:
+            self._tune()
         self._ask(word)
 
     def _addressed(self, message: dialect.MAVLink_message) -> bool:
@@ -140,13 +144,19 @@ class Component:
         elif command == dialect.MAV_CMD_REQUEST_MESSAGE and ours:
             self._requested(heard, message, now)
         elif command == dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST:
-            self._authorise(heard, message)
+            self._authorise(heard, message, now)
         elif ours:  # to all components: perhaps somebody else's
             self._acknowledge(heard, message, dialect.MAV_RESULT_UNSUPPORTED)
 
-    def _authorise(self, heard: Heard, message: CommandMessage) -> None:
+    def _lately(self, now: float) -> Snapshot | None:
+        """How the structure is; None when the loop is silent, and nobody knows."""
+        snapshot = self._snapshot
+        return None if snapshot is None or now - snapshot.time_s > BEAT_LATE_S else snapshot
+
+    def _authorise(self, heard: Heard, message: CommandMessage, now: float) -> None:
         """An autopilot asks whether it may arm: only with a structure that is deployed and locked."""
-        if self._snapshot is not None and telemetry.locked(self._snapshot):
+        snapshot = self._lately(now)
+        if snapshot is not None and telemetry.locked(snapshot):
             # MAVLink's description has the seconds in `progress`; PX4 and MAVSDK have them in `result_param2`.
             self._acknowledge(heard, message, dialect.MAV_RESULT_ACCEPTED, ARMING_VALID_S, ARMING_VALID_S)
             return
@@ -156,7 +166,7 @@ class Component:
 
     def _requested(self, heard: Heard, message: CommandMessage, now: float) -> None:
         """A station asks for one message now."""
-        number, boot_ms, snapshot = message.param1, self._boot_ms(now), self._snapshot
+        number, boot_ms, snapshot = message.param1, self._boot_ms(now), self._lately(now)
         if number == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             messages: list[dialect.MAVLink_message] = [_version()]
         elif snapshot is None:
@@ -223,7 +233,8 @@ class Component:
     def tick(self, now: float) -> None:
         """What is due by itself; a few times in every period of the telemetry."""
         self._pass_on_news(now)
-        if self._to_tune:
+        if self._to_tune and now >= self._tune_due:
+            self._tune_due = now + TUNE_EVERY_S
             self._tune()
         self._commands.tick(now)
         self._watch_link(now)
@@ -234,9 +245,10 @@ class Component:
             self._values_due = now + 1.0 / PARAMETERS_PER_S
             self._service.tick()
         self._texts.tick(now)
-        if now >= self._telemetry_due and self._snapshot is not None:
+        snapshot = self._lately(now)  # a silent loop's is none
+        if now >= self._telemetry_due and snapshot is not None:
             self._telemetry_due = now + 1.0 / self._parameters[TELEMETRY_HZ]
-            self._tell_telemetry(self._snapshot, now)
+            self._tell_telemetry(snapshot, now)
 
     def _watch_link(self, now: float) -> None:
         """Hold a motion whose stations have all fallen silent, where that is wanted; once per motion."""
@@ -251,8 +263,6 @@ class Component:
             self._texts.tell(dialect.MAV_SEVERITY_WARNING, "ground station lost: held")
 
     def _tell_telemetry(self, snapshot: Snapshot, now: float) -> None:
-        if now - snapshot.time_s > BEAT_LATE_S:
-            return  # the loop is silent, and so are we
         boot_ms = self._boot_ms(now)
         self._send(telemetry.structure(snapshot, boot_ms), None)
         for message in (*telemetry.creases(snapshot, boot_ms), *telemetry.latches(snapshot, boot_ms)):

@@ -5,18 +5,20 @@ from __future__ import annotations
 import pytest
 
 from ori_deploy.deploy.states import State
+from ori_deploy.mav.words import Tune
 from ori_deploy.operate.messages import Do, Request
 from ori_deploy.wire.vehicle import dialect
 from tests.mav.test_component import (
     ACCEPTED,
     CANCELLED,
+    DENIED,
     DEPLOY,
     FOLD,
     LATER,
     STOP,
     deployed,
 )
-from tests.mav.world import US, World, command, world
+from tests.mav.world import AUTOPILOT, IN_AIR, US, World, command, world
 
 
 def slowly(w: World, part: float = 0.3) -> None:
@@ -137,3 +139,40 @@ def test_a_stop_is_carried_out_however_late() -> None:
     w.run(1.0)
     assert w.state in (State.ARMED, State.FAULT)
     assert w.record.rate == 0.0
+
+
+def test_a_command_after_a_parameter_is_judged_by_it() -> None:
+    w = world(deploy_when="always")
+    w.run(0.1, landed=IN_AIR)
+    for value in (1.0, 3.0):
+        w.hear(dialect.MAVLink_param_set_message(*US, b"ORI_DEPLOY_WHEN", value, dialect.MAV_PARAM_TYPE_REAL32))
+        w.component.tick(w.now)
+    w.hear(command(DEPLOY))
+    w.run(0.3, landed=IN_AIR)
+    assert w.answers() == [(LATER, dialect.ORI_REASON_AIRBORNE)]
+
+
+def test_a_flood_of_parameters_leaves_the_loop_its_orders() -> None:
+    w = world()
+    w.run(0.1)
+    begun = len(w.words)
+    for index in range(200):
+        slowly(w, 0.1 + 0.001 * index)
+        w.component.tick(w.now)
+    assert len([word for word in w.to_loop if word[0] == "Tune"]) <= 1
+    w.run(0.5)
+    told = [word for word in w.words[begun:] if isinstance(word, Tune)]
+    assert told[-1].speed == pytest.approx(0.1 + 0.199)
+
+
+@pytest.mark.parametrize("number", [dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST, dialect.MAV_CMD_REQUEST_MESSAGE])
+def test_nothing_is_said_of_a_structure_whose_loop_is_silent(number: int) -> None:
+    w = deployed()
+    w.loop_hangs = True
+    w.run(1.5)
+    w.sent.clear()
+    w.hear(command(number, float(dialect.MAVLINK_MSG_ID_ORI_STRUCTURE)), AUTOPILOT)
+    assert [result for result, _ in w.answers()] == [
+        DENIED if number == dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST else LATER
+    ]
+    assert not w.take(dialect.MAVLink_ori_structure_message)
