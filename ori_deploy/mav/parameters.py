@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.mav.links import Heard, Peer
-from ori_deploy.mav.settings import DEPLOY_RULES, Settings
+from ori_deploy.mav.settings import DEPLOY_RULES, SHORTEST_LINK_TIMEOUT_S, Settings
 from ori_deploy.wire.vehicle import dialect, text_of
 
 SCHEMA = "ori-deploy/mavlink-parameters/1"
@@ -76,7 +76,14 @@ def parameters_of(settings: Settings) -> tuple[Parameter, ...]:
         Parameter(
             LINK_LOSS, float(settings.link_loss == "hold"), 0, 1, True, "ground station lost: 0 finish, 1 hold"
         ),
-        Parameter(LINK_TIMEOUT, settings.link_timeout_s, 1.0, 60.0, False, "silence of a lost station, s"),
+        Parameter(
+            LINK_TIMEOUT,
+            settings.link_timeout_s,
+            SHORTEST_LINK_TIMEOUT_S,
+            60.0,
+            False,
+            "silence of a lost station, s",
+        ),
         Parameter(
             DEPLOY_WHEN, float(DEPLOY_RULES.index(settings.deploy_when)), 0, len(DEPLOY_RULES) - 1, True, rules
         ),

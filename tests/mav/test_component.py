@@ -387,7 +387,7 @@ def test_rules_for_deploying(rule: str, armed: bool | None, landed: int | None, 
 
 @pytest.mark.parametrize("policy", ["hold", "finish"])
 def test_a_lost_station_holds_or_does_not(policy: str) -> None:
-    w = world(link_loss=policy, link_timeout_s=1.0)
+    w = world(link_loss=policy, link_timeout_s=2.0)
     w.run(0.1)
     w.hear(command(DEPLOY))
     w.until(lambda: w.state is State.MOVING)

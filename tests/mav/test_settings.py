@@ -104,7 +104,7 @@ def test_every_rule_for_deploying_is_taken(tmp_path: Path, rule: str) -> None:
         ('deploy_when = "sometimes"', ["key deploy_when", "'sometimes'", "'on-ground-and-disarmed'"]),
         ("force_allowed = 1", ["key force_allowed", "boolean"]),
         ('link_loss = "stop"', ["key link_loss", "'finish' or 'hold'"]),
-        ("link_timeout_s = 0.5", ["key link_timeout_s", "greater than or equal to 1"]),
+        ("link_timeout_s = 1.9", ["key link_timeout_s", "greater than or equal to 2"]),
         ("facts_fresh_s = nan", ["key facts_fresh_s"]),
         ("facts_fresh_s = 60", ["key facts_fresh_s", "less than or equal to 10"]),
         ("telemetry_hz = inf", ["key telemetry_hz"]),
