@@ -68,7 +68,6 @@ def test_every_reason_is_in_the_table_with_its_number_and_result() -> None:
         dialect.ORI_REASON_NONE,
         dialect.ORI_REASON_STOPPED,
         dialect.ORI_REASON_NOTHING,
-        dialect.ORI_REASON_NOT_LOCKED,
     }
     for reason in refused:
         assert stated[reason] == results[commands.refusal(reason).result], reason
