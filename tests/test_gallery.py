@@ -12,7 +12,9 @@ from ori_deploy.files import design_data, load_plan, load_spec
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 RIG = EXAMPLES / "rig_mock.toml"
-GALLERY = sorted(p for p in EXAMPLES.glob("*.toml") if not p.name.startswith(("mavlink", "rig_", "loads_", "uav_")))
+GALLERY = sorted(
+    p for p in EXAMPLES.glob("*.toml") if not p.name.startswith(("mavlink", "rig_", "loads_", "parts_", "uav_"))
+)
 LEAST_MARGIN_DEG = 1.0
 WITHOUT_WALL = {"circle_6"}
 """Shapes that show a closed form: everything else has a wall that can be built."""

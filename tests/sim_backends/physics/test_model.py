@@ -27,7 +27,9 @@ NAMES = [
     "cone elliptic 6", "cone wing, apex below", "cone two inner vertices", "cone circular 6 without wall",
 ]  # fmt: skip
 GALLERY = sorted(
-    p for p in EXAMPLES.glob("*.toml") if not p.name.startswith(("mavlink", "rig_", "loads_", "sweep_", "uav_"))
+    p
+    for p in EXAMPLES.glob("*.toml")
+    if not p.name.startswith(("mavlink", "rig_", "loads_", "parts_", "sweep_", "uav_"))
 )
 
 
