@@ -88,7 +88,7 @@ def mount_horn(
         pieces[panel].cut(tool, "horn", thing, floor)
     for number, (x, y) in enumerate(screws):
         at = floor + x * right + y * up
-        hole = punch([circle(0.5e-3 * spec.screw_diameter_mm)], at, right, up, depth, 0.5 * thickness)
+        hole = punch([circle(0.5e-3 * spec.screw_diameter_mm)], at, right, up, depth, 10.0 * thickness)
         piece.cut(hole, "screw", f"screw {number + 1} of {thing}", at)
 
 

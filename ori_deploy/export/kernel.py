@@ -22,6 +22,10 @@ Triangles = NDArray[np.int64]
 
 ROUND_SIDES = 48
 """Corners of a round hole."""
+_MOST_PAIRS = 1_000_000
+"""Lines times triangles that are looked at together."""
+_EDGE = 1e-7
+"""Part of a triangle by which a line may miss it: rather in both neighbours than in none."""
 
 
 def need(module: str, extra: str) -> Any:
@@ -136,28 +140,53 @@ def upright(axis: Vectors) -> tuple[Vectors, Vectors]:
 
 
 def depths(points: Vectors, triangles: Triangles, origins: Vectors, direction: Vectors) -> Reals:
-    """(n,) how far it is from places on a surface through the body to the other side; 0 where there is no body.
+    """(n,) how far it is from places on a surface through the body to the other side; see `exits`."""
+    return exits(points, triangles, origins, direction)[0]
+
+
+def exits(
+    points: Vectors, triangles: Triangles, origins: Vectors, direction: Vectors
+) -> tuple[Reals, NDArray[np.int64]]:
+    """Where straight lines from places on a surface leave the body again.
 
     Parameters
     ----------
     direction
         (3,) or (n, 3) unit vectors into the body.
+
+    Returns
+    -------
+    (n,) distances, 0 where there is no body, and (n,) the triangle that is left through, or -1.
     """
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    ways = np.broadcast_to(direction, origins.shape)
-    out = np.zeros(len(origins))
-    scale = float(np.ptp(points, axis=0).max())
-    for i, (o, d) in enumerate(zip(origins, ways, strict=True)):
-        p = np.cross(d, c - a)
-        det = np.einsum("ij,ij->i", p, b - a)
-        t = o - a
-        q = np.cross(t, b - a)
-        crossed = det != 0.0
-        over = np.where(crossed, det, 1.0)
-        u, v, far = (x / over for x in (np.einsum("ij,ij->i", t, p), q @ d, np.einsum("ij,ij->i", q, c - a)))
-        # A triangle that is left behind, not entered, has its normal along the way: det > 0 is an entry.
-        hit = crossed & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & (far > 1e-7 * scale)
-        if hit.any():
-            first = int(np.argmin(np.where(hit, far, np.inf)))
-            out[i] = far[first] if det[first] < 0.0 else 0.0
-    return out
+    ways = np.broadcast_to(np.asarray(direction, dtype=float), origins.shape)
+    rows = max(1, _MOST_PAIRS // len(triangles))
+    found = [
+        _exits(points, triangles, origins[k : k + rows], ways[k : k + rows]) for k in range(0, len(origins), rows)
+    ]
+    return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+
+
+def _exits(points: Vectors, triangles: Triangles, origins: Vectors, ways: Vectors) -> tuple[Reals, NDArray[np.int64]]:
+    """`exits` of not too many lines: every line against every triangle.
+
+    With r from a triangle's corner a to the line's origin, d the line and e1, e2, n the triangle's sides and their
+    product: -r·n / d·n along it the line crosses the plane, at -e2·(r x d) / d·n of e1 and e1·(r x d) / d·n of e2.
+    """
+    middle = points.mean(axis=0)
+    near = origins - middle
+    a, b, c = (points[triangles[:, k]] - middle for k in range(3))
+    first, second = b - a, c - a
+    normal = np.cross(first, second)
+    moment = np.cross(near, ways)
+    through = ways @ normal.T
+    over = np.where(through != 0.0, through, np.inf)
+    u = -(moment @ second.T - ways @ np.cross(second, a).T) / over
+    v = (moment @ first.T - ways @ np.cross(first, a).T) / over
+    far = (np.einsum("mi,mi->m", a, normal) - near @ normal.T) / over
+    least = 1e-7 * float(np.ptp(points, axis=0).max())
+    hit = (through != 0.0) & (u >= -_EDGE) & (v >= -_EDGE) & (u + v <= 1.0 + _EDGE) & (far > least)
+    at = np.argmin(np.where(hit, far, np.inf), axis=1)
+    line = np.arange(len(origins))
+    # The first triangle crossed has to be left, along its normal: one that is entered means there was no body.
+    left = hit[line, at] & (through[line, at] > 0.0)
+    return np.where(left, far[line, at], 0.0), np.where(left, at, -1)

@@ -10,21 +10,23 @@ from typing import Any
 import numpy as np
 
 from ori_deploy.design import Structure
-from ori_deploy.errors import InputError
 from ori_deploy.export.horns import check_driven, mount_horn
 from ori_deploy.export.kernel import Triangles, need, surface
 from ori_deploy.export.lettering import engrave
 from ori_deploy.export.magnets import Slit, set_magnets
 from ori_deploy.export.parts_spec import PartsSpec
-from ori_deploy.export.recesses import clear, clear_end, let_in_films
-from ori_deploy.export.rulings import panel_shape, s_range, to_user
+from ori_deploy.export.recesses import clear, clear_end, let_in_films, measure_films
+from ori_deploy.export.rulings import Kind, panel_shape, s_range, to_user
 from ori_deploy.export.solids import panel_body
 from ori_deploy.export.span_hinges import let_in_hinge
-from ori_deploy.export.workpiece import Pocket, Remark, Workpiece
+from ori_deploy.export.workpiece import FilmStrip, Pocket, Remark, Workpiece
 from ori_deploy.files import Design
 from ori_deploy.motion import Mechanism, SpanFolding
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.profiles.sphere import Vectors
+
+_RESTS: tuple[Kind, ...] = ("inner", "back", "joint_close")
+"""Plane faces that a part can be printed on, if they are broad enough."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,10 @@ class Part:
         Volume before anything was cut from it.
     pockets
         What was cut from it, in this order.
-    down
-        (3,) outward unit normal of the face that it is printed on: the inner one.
+    films
+        What film covers of it.
+    rests
+        (3,) outward unit normals of the plane faces that it can be printed on, the inner one first.
     """
 
     id: str
@@ -54,7 +58,8 @@ class Part:
     triangles: Triangles
     plain_m3: float
     pockets: tuple[Pocket, ...]
-    down: Vectors
+    films: tuple[FilmStrip, ...]
+    rests: tuple[Vectors, ...]
 
     @cached_property
     def _moments(self) -> tuple[float, Vectors]:
@@ -73,6 +78,14 @@ class Part:
     def centroid(self) -> Vectors:
         """(3,) metres."""
         return self._moments[1]
+
+    @cached_property
+    def faces(self) -> tuple[Vectors, Reals]:
+        """(m, 3) unit normals and (m,) areas of its triangles."""
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        twice = np.linalg.norm(normal, axis=1)
+        return normal / np.where(twice > 0.0, twice, 1.0)[:, None], 0.5 * twice
 
     def mesh(self, scale: float = 1.0) -> Any:
         """A trimesh.Trimesh, as it is, times `scale`."""
@@ -131,6 +144,8 @@ def build_parts(
     spec, driven = spec or PartsSpec(), dict(driven or {})
     check_driven(driven, design.structure.layout)
     pieces, remarks = _blanks(design, spec)
+    for piece in pieces.values():
+        measure_films(piece, spec.film, design.structure.layout)
     if not plain:
         for segment in range(design.span_segments):
             _work(design, spec, driven, {p: piece for (p, k), piece in pieces.items() if k == segment}, segment)
@@ -219,11 +234,10 @@ def _finished(piece: Workpiece, segment: int) -> Part:
     turn, shift = piece.to_user[:3, :3], piece.to_user[:3, 3]
     if float(np.linalg.det(turn)) < 0.0:
         triangles = triangles[:, ::-1]
-    face = piece.shape.face("inner", piece.s_high) or piece.shape.face("back", piece.s_high)
-    if face is None:
-        raise InputError(f"panel {piece.id}: no plane face to print it on", limit="an inner face", remedy="a wall_m")
-    outward: Reals = face.rulings.normals(piece.s_high)[0]
+    plane = [f.rulings for kind in _RESTS if (f := piece.shape.face(kind, piece.s_high))]
+    broadest = max(float(row.widths(piece.s_high)[0]) for row in plane)
+    rests = [row.normals(piece.s_high)[0] for row in plane if row.widths(piece.s_high)[0] > 0.5 * broadest]
     return Part(
         piece.id, piece.shape.panel, segment, points @ turn.T + shift, triangles, piece.plain_m3,
-        tuple(piece.pockets), turn @ outward,
+        tuple(piece.pockets), tuple(piece.films), tuple(turn @ outward for outward in rests),
     )  # fmt: skip

@@ -100,6 +100,7 @@ class SpanHingeSpec(Strict):
     pin_diameter_mm: _Positive = 1.2
     leaf_width_mm: _Positive = 6.0
     leaf_thickness_mm: _Positive = 0.3
+    mass_g_m: _NotNegative = 10.0
 
 
 class TextSpec(Strict):

@@ -1,4 +1,4 @@
-"""Parts laid flat on build plates: each on its inner face, not overlapping, on as many plates as it takes."""
+"""Parts laid flat on build plates: each on a plane face, not overlapping, on as many plates as it takes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from ori_deploy.design.packaging import box_axis
 from ori_deploy.export.parts import Part, Parts
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.profiles.sphere import Vectors
+
+_FIRST_LAYERS_M = 5e-4
+"""Ceilings lower than this over the bed hang on nothing."""
+_STEEP_DEG = 45.0
+"""Overhang that asks for supports, where it is only asked which face to lie on."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +43,9 @@ class Placed:
 
 
 def lie_flat(part: Part) -> tuple[Reals, Reals]:
-    """(4, 4) that lays a part on its inner face, longest side along x, its box from the origin on; (3,) the box."""
-    turn = _turned_down(part.down)
+    """(4, 4) that lays a part on a plane face, longest side along x, its box from the origin on; (3,) the box."""
+    # On the face that leaves the least to be propped up; the inner one where several are as good.
+    turn = min((_turned_down(face) for face in part.rests), key=lambda turn: _propped(part, turn))
     flat = part.points @ turn.T
     axis = np.conj(box_axis(flat[:, 0] + 1j * flat[:, 1]))
     turn = _about_z(axis) @ turn
@@ -50,6 +56,23 @@ def lie_flat(part: Part) -> tuple[Reals, Reals]:
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = turn, -at.min(axis=0)
     return out, np.ptp(at, axis=0)
+
+
+def overhangs(part: Part, turn: Reals) -> Reals:
+    """(m,) angles of its triangles from upright, degrees, for a part turned by (3, 3): 90 for a ceiling.
+
+    Those on the bed hang over nothing, nor do ceilings of its first layers: recesses for film, letters. -90 for them.
+    """
+    normal, area = part.faces
+    height = part.points @ turn[2]
+    highest = height[part.triangles].max(axis=1) - height.min()
+    angle = np.degrees(np.arcsin(np.clip(-normal @ turn[2], -1.0, 1.0)))
+    return np.where((highest > _FIRST_LAYERS_M) & (area > 1e-10), angle, -90.0)
+
+
+def _propped(part: Part, turn: Reals) -> float:
+    """Area that hangs over, in square millimetres: rounding must not choose between faces."""
+    return round(1e6 * float(part.faces[1][overhangs(part, turn) > _STEEP_DEG].sum()), 3)
 
 
 def _turned_down(down: Vectors) -> Reals:

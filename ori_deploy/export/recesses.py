@@ -12,7 +12,7 @@ import numpy as np
 from ori_deploy.export.kernel import punch, slab
 from ori_deploy.export.parts_spec import ClearanceSpec, FilmSpec
 from ori_deploy.export.rulings import Face, Rulings
-from ori_deploy.export.workpiece import Workpiece
+from ori_deploy.export.workpiece import FilmStrip, Workpiece
 from ori_deploy.layout import Layout
 from ori_deploy.motion import CREASES
 from ori_deploy.profiles.sphere import Vectors
@@ -86,6 +86,19 @@ def film_row(piece: Workpiece, opening: bool, width_m: float) -> tuple[Rulings |
     # Even panels' faces run towards the crease, odd ones' away from it.
     strip = row.reversed().first(width_m, piece.s_high).reversed() if even else row.first(width_m, piece.s_high)
     return strip, float(row.widths(piece.s_high).sum())
+
+
+def measure_films(piece: Workpiece, spec: FilmSpec, layout: Layout) -> None:
+    """Note what both films of a panel cover, whether or not they are let in."""
+    cell = layout.cell_ids[piece.shape.panel // 4]
+    for number, opening in zip(creases_of(piece.shape.panel), (True, False), strict=True):
+        row, face = film_row(piece, opening, 1e-3 * spec.glue_mm)
+        if row is None:
+            continue
+        length, width = piece.s_high - piece.s_low, min(face, 1e-3 * spec.glue_mm)
+        shape = 0.5 * (1.0 + piece.s_low / piece.s_high) if piece.shape.on_cone else 1.0
+        at = piece.placed(middle(row, piece))
+        piece.films.append(FilmStrip(f"{cell}.{CREASES[number]}", width, length, shape * width * length, at))
 
 
 def let_in_films(piece: Workpiece, spec: FilmSpec, layout: Layout) -> None:

@@ -52,7 +52,7 @@ def let_in_hinge(piece: Workpiece, hinge: SpanHinge, spec: SpanHingeSpec) -> Non
     start = first if right @ along > 0.0 else last
     drawn = np.array([[0.0, -leaf], [length, -leaf], [length, leaf], [0.0, leaf]])
     middle = 0.5 * (first + last)
-    piece.cut(punch([drawn], start, right, up, thick, thick), "leaf", f"leaf of {hinge.id}", middle)
+    piece.cut(punch([drawn], start, right, up, thick, thick), "leaf", f"leaf of {hinge.id}", middle, length)
     groove = punch([circle(pin)], start, outward, np.cross(right, outward), 0.0, length)
     piece.cut(groove, "pin", f"pin of {hinge.id}", middle)
 

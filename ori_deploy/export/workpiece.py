@@ -31,12 +31,15 @@ class Pocket:
         What it took off; where cuts overlap, the first counts what they share.
     at
         (3,) its middle on the panel's face, in the user's coordinates, metres.
+    length_m
+        Of a piano hinge's leaf, along its pin; 0 for others.
     """
 
     kind: PocketKind
     name: str
     volume_m3: float
     at: Vectors
+    length_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,27 @@ class Remark:
     def __str__(self) -> str:
         done = "left out" if self.left_out else "made smaller"
         return f"{self.part}: {self.thing} {done}; found {self.value}; limit: {self.limit}; remedy: {self.remedy}"
+
+
+@dataclass(frozen=True)
+class FilmStrip:
+    """What a crease's film covers of one panel.
+
+    Attributes
+    ----------
+    crease
+        "c1.open_c".
+    width_m, length_m, area_m2
+        Width at `s_high`, length along the crease, area.
+    at
+        (3,) its middle, in the user's coordinates.
+    """
+
+    crease: str
+    width_m: float
+    length_m: float
+    area_m2: float
+    at: Vectors
 
 
 @dataclass(frozen=True)
@@ -134,6 +158,7 @@ class Workpiece:
     to_user: Reals
     pockets: list[Pocket] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
+    films: list[FilmStrip] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.plain_m3 = float(self.body.volume())
@@ -148,7 +173,7 @@ class Workpiece:
         """(n,) how thick the panel was under places on its surface before anything was cut."""
         return depths(*self._surface, origins, into)
 
-    def cut(self, tool: Body, kind: PocketKind, name: str, at: Vectors) -> bool:
+    def cut(self, tool: Body, kind: PocketKind, name: str, at: Vectors, length_m: float = 0.0) -> bool:
         """Take a tool's shape off; False where that would take nothing, or break the panel."""
         after = self.body - tool
         before = float(self.body.volume())
@@ -161,9 +186,12 @@ class Workpiece:
             self.remark(name, f"{len(pieces)} pieces", "one piece", "a thicker wall_m, or a smaller pocket")
             return False
         self.body = main
-        place = self.to_user[:3, :3] @ at + self.to_user[:3, 3]
-        self.pockets.append(Pocket(kind, name, before - kept, place))
+        self.pockets.append(Pocket(kind, name, before - kept, self.placed(at), length_m))
         return True
+
+    def placed(self, at: Vectors) -> Vectors:
+        """(3,) a place in the user's coordinates."""
+        return np.asarray(self.to_user[:3, :3] @ at + self.to_user[:3, 3])
 
     def remark(self, thing: str, value: str, limit: str, remedy: str, *, left_out: bool = True) -> None:
         """Note what does not fit."""
