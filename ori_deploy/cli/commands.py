@@ -31,6 +31,7 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
         "design": Entry("making", "design", "Build the structure that SPEC describes, or the best near it."),
         "doctor": Entry("doctor", "doctor", "Check port, servos or board, and rig; say what to do."),
         "estop": Entry("operate", "estop", "Stop a running motion as fast as can be, as a fault."),
+        "export": Entry("export", "export", "Write DESIGN as parts to print, films to cut, models to load."),
         "figures": Entry("figures", "figures", "Make the paper's figures, with their data."),
         "gcs": Entry("gcs", "gcs", "Command a structure on a vehicle's MAVLink network."),
         "layouts": Entry("layouts", "layouts_command", "List and draw every layout of K cells."),

@@ -35,6 +35,7 @@ COMMANDS = (
     "strip",
     "bus",
     "doctor",
+    "export",
 )
 
 
