@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
+from ori_deploy.export.parts import build_parts
 from ori_deploy.export.parts_spec import FilmSpec, PartsSpec
 from ori_deploy.export.sheet_files import CUT, FOLD, GLUE, LABEL, dxf_bytes, svg_text
 from ori_deploy.export.sheets import FREE_THICKNESSES, Ring, Sheet, sheets_of
+from ori_deploy.export.skeleton import Skeleton
 from tests.export.designs import NAMES, design
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -75,6 +77,23 @@ def test_glue_zones_name_the_two_panels_of_the_crease() -> None:
     assert sheets["c1.close_a"].glue[0].panel == "c1.ac"
 
 
+@pytest.mark.parametrize("name", ["wing", "tapered", "cone elliptic 6", "two inner vertices"])
+def test_a_sheet_is_what_one_sees_from_the_side_to_which_its_crease_folds(name: str) -> None:
+    skeleton = Skeleton(design(name))
+    ids, centroid = skeleton.layout.panel_ids, skeleton.solids.centroid
+    for sheet in sheets_of(design(name), SPEC):
+        cell = skeleton.layout.cell_ids.index(sheet.id.split(".")[0])
+        number = skeleton.crease_names[cell].index(sheet.id)
+        near, far = skeleton.crease_ends[cell, number]
+        inwards = skeleton.crease_ends[cell].mean(axis=(0, 1)) - 0.5 * (near + far)
+        towards_eye = -inwards if "open" in sheet.id else inwards
+        up = np.cross(towards_eye, far - near)  # the crease runs to the right
+        heights = [float((centroid[ids.index(zone.panel)] - near) @ up) for zone in sheet.glue]
+        assert heights == sorted(heights, reverse=True)
+        drawn = [float(zone.ring.corners[:, 1].mean()) for zone in sheet.glue]
+        assert drawn == sorted(drawn, reverse=True)
+
+
 def test_a_face_too_narrow_to_glue_to_is_told() -> None:
     remarks = [str(remark) for sheet in sheets_of(design("wing"), SPEC) for remark in sheet.remarks]
     assert len(remarks) == 1
@@ -126,6 +145,18 @@ def test_svg_is_true_to_size_and_its_paths_are_the_dxf_s(name: str) -> None:
         )
         (fold,) = groups["fold"]
         assert float(fold.attrib["x2"]) - float(fold.attrib["x1"]) == pytest.approx(1e3 * sheet.length_m, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wing", "tapered", "cone tip"])
+def test_sheets_are_as_large_as_the_film_that_the_parts_are_covered_by(name: str) -> None:
+    covered: dict[str, float] = {}
+    for part in build_parts(design(name), SPEC, plain=True).parts:
+        for strip in part.films:
+            covered[strip.crease] = covered.get(strip.crease, 0.0) + strip.area_m2
+    cut = {sheet.id: sheet.cut.area_m2 for sheet in sheets_of(design(name), SPEC)}
+    # On a cone the parts tell widths along the facets' chords, the sheets along arcs about the apex.
+    assert cut == pytest.approx(covered, rel=0.03 if name == "cone tip" else 1e-4)
 
 
 def path_area(d: str) -> float:
