@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.mav.links import Heard, Peer
-from ori_deploy.mav.settings import DEPLOY_RULES, SHORTEST_LINK_TIMEOUT_S, Settings
+from ori_deploy.mav.settings import DEPLOY_RULES, LEAST_LINK_TIMEOUT_S, Settings
 from ori_deploy.wire.vehicle import dialect, text_of
 
 SCHEMA = "ori-deploy/mavlink-parameters/1"
@@ -79,7 +79,7 @@ def parameters_of(settings: Settings) -> tuple[Parameter, ...]:
         Parameter(
             LINK_TIMEOUT,
             settings.link_timeout_s,
-            SHORTEST_LINK_TIMEOUT_S,
+            LEAST_LINK_TIMEOUT_S,
             60.0,
             False,
             "silence of a lost station, s",

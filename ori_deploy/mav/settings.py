@@ -23,7 +23,7 @@ DEPLOY_RULES: tuple[DeployWhen, ...] = get_args(DeployWhen)
 
 LinkLoss = Literal["finish", "hold"]
 MOST_LINKS = 8
-SHORTEST_LINK_TIMEOUT_S = 2.0
+LEAST_LINK_TIMEOUT_S = 2.0
 """Stations have a heartbeat a second: with less, the first that is late would hold a motion."""
 
 
@@ -94,7 +94,7 @@ class SettingsFile(Strict):
     deploy_when: DeployWhen = Settings.deploy_when
     force_allowed: _Bool = Settings.force_allowed
     link_loss: LinkLoss = Settings.link_loss
-    link_timeout_s: Annotated[float, Field(strict=True, ge=SHORTEST_LINK_TIMEOUT_S, le=60.0)] = Settings.link_timeout_s
+    link_timeout_s: Annotated[float, Field(strict=True, ge=LEAST_LINK_TIMEOUT_S, le=60.0)] = Settings.link_timeout_s
     facts_fresh_s: Annotated[float, Field(strict=True, ge=0.2, le=10.0)] = Settings.facts_fresh_s
     telemetry_hz: Annotated[float, Field(strict=True, ge=0.2, le=20.0)] = Settings.telemetry_hz
     key_file: _FileName | None = None

@@ -388,10 +388,11 @@ def test_rules_for_deploying(rule: str, armed: bool | None, landed: int | None, 
 @pytest.mark.parametrize("policy", ["hold", "finish"])
 def test_a_lost_station_holds_or_does_not(policy: str) -> None:
     w = world(link_loss=policy, link_timeout_s=2.0)
+    w.hear(dialect.MAVLink_param_set_message(*US, b"ORI_SPEED", 0.3, dialect.MAV_PARAM_TYPE_REAL32))
     w.run(0.1)
     w.hear(command(DEPLOY))
     w.until(lambda: w.state is State.MOVING)
-    w.run(8.0, ground=False)
+    w.run(12.0, ground=False)
     assert w.state is (State.HOLD if policy == "hold" else State.DEPLOYED)
     w.hear(heartbeat())
     w.run(0.5)
