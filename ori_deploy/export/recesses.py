@@ -11,7 +11,7 @@ import numpy as np
 
 from ori_deploy.export.kernel import punch, slab
 from ori_deploy.export.parts_spec import ClearanceSpec, FilmSpec
-from ori_deploy.export.rulings import Face, Rulings
+from ori_deploy.export.rulings import Face, Kind, PanelShape, Rulings
 from ori_deploy.export.workpiece import FilmStrip, Workpiece
 from ori_deploy.layout import Layout
 from ori_deploy.motion import CREASES
@@ -75,24 +75,24 @@ def middle(row: Rulings, piece: Workpiece) -> Vectors:
     return np.asarray(row.at(0.5 * (piece.s_low + piece.s_high)).mean(axis=0))
 
 
-def film_row(piece: Workpiece, opening: bool, width_m: float) -> tuple[Rulings | None, float]:
+def film_row(shape: PanelShape, opening: bool, width_m: float, s_high: float) -> tuple[Rulings | None, float]:
     """The strip of a panel's surface beside a crease that its film is glued to, and the face's width at `s_high`."""
-    even = piece.shape.panel % 2 == 0
-    kinds = ("skin", "back") if opening else ("inner",)
-    face = next((f for kind in kinds if (f := piece.shape.face(kind, piece.s_high))), None)  # type: ignore[arg-type]
+    even = shape.panel % 2 == 0
+    kinds: tuple[Kind, ...] = ("skin", "back") if opening else ("inner",)
+    face = next((f for kind in kinds if (f := shape.face(kind, s_high))), None)
     if face is None:
         return None, 0.0
     row = face.rulings
     # Even panels' faces run towards the crease, odd ones' away from it.
-    strip = row.reversed().first(width_m, piece.s_high).reversed() if even else row.first(width_m, piece.s_high)
-    return strip, float(row.widths(piece.s_high).sum())
+    strip = row.reversed().first(width_m, s_high).reversed() if even else row.first(width_m, s_high)
+    return strip, float(row.widths(s_high).sum())
 
 
 def measure_films(piece: Workpiece, spec: FilmSpec, layout: Layout) -> None:
     """Note what both films of a panel cover, whether or not they are let in."""
     cell = layout.cell_ids[piece.shape.panel // 4]
     for number, opening in zip(creases_of(piece.shape.panel), (True, False), strict=True):
-        row, face = film_row(piece, opening, 1e-3 * spec.glue_mm)
+        row, face = film_row(piece.shape, opening, 1e-3 * spec.glue_mm, piece.s_high)
         if row is None:
             continue
         length, width = piece.s_high - piece.s_low, min(face, 1e-3 * spec.glue_mm)
@@ -107,7 +107,7 @@ def let_in_films(piece: Workpiece, spec: FilmSpec, layout: Layout) -> None:
     depth, glue = 1e-6 * spec.thickness_um, 1e-3 * spec.glue_mm
     for number, opening in zip(creases_of(piece.shape.panel), (True, False), strict=True):
         name = f"film {cell}.{CREASES[number]}"
-        row, width = film_row(piece, opening, glue)
+        row, width = film_row(piece.shape, opening, glue, piece.s_high)
         if row is None or width <= depth:
             piece.remark(name, f"{1e3 * width:.2g} mm of face", f"{spec.glue_mm:g} mm", "another vertex, or a wall_m")
             continue

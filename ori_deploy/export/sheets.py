@@ -16,7 +16,8 @@ import numpy as np
 
 from ori_deploy.design import ConeStructure
 from ori_deploy.export.parts_spec import PartsSpec
-from ori_deploy.export.rulings import Kind, Rulings, panel_shape, s_range
+from ori_deploy.export.recesses import film_row
+from ori_deploy.export.rulings import Rulings, panel_shape, s_range
 from ori_deploy.export.skeleton import Skeleton
 from ori_deploy.export.workpiece import Remark
 from ori_deploy.files import Design
@@ -130,22 +131,18 @@ def _segments(design: Design, low: float, high: float, gap_m: float) -> list[tup
 def _sides(skeleton: Skeleton, cell: int, crease: int, glue_m: float, chord_m: float) -> tuple[_Side, _Side] | None:
     """The film on both panels of a crease, the one that is drawn above first; None without a face for it."""
     structure, unit = skeleton.design.structure, skeleton.design.unit_m
-    first = NEXT_CREASE.index(crease)
+    first, opening = NEXT_CREASE.index(crease), CREASES[crease].startswith("open")
     sides = []
     for k in (first, (first + 1) % 4):
         panel = 4 * cell + k
         shape = panel_shape(structure, panel, chord_m / unit)
-        kinds: tuple[Kind, ...] = ("skin", "back") if CREASES[crease].startswith("open") else ("inner",)
-        faces = [] if shape is None else [shape.face(kind, skeleton.design.r_max_m) for kind in kinds]
-        face = next((f for f in faces if f is not None), None)
-        if face is None:
+        far = skeleton.design.r_max_m
+        strip = None if shape is None else film_row(shape, opening, glue_m, far)[0]
+        if strip is None:
             return None
-        # Counter-clockwise, faces of even panels run towards both their creases, those of odd ones away from them.
-        row = face.rulings.reversed() if k % 2 == 0 else face.rulings
-        strip = row.first(glue_m, skeleton.design.r_max_m)
         sides.append(_Side(skeleton.layout.panel_ids[panel], _reach(strip, isinstance(structure, ConeStructure))))
     # Seen from outside, with the crease to the right, the panel that comes first counter-clockwise is above.
-    above_first = CREASES[crease].startswith("open") == skeleton.right_handed
+    above_first = opening == skeleton.right_handed
     return (sides[0], sides[1]) if above_first else (sides[1], sides[0])
 
 
