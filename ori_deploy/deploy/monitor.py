@@ -136,18 +136,23 @@ class Monitor:
         self, commanded_fold: float, rate_limit: float, allowed: float, now: float, rate: float = CRAWL
     ) -> Fault | None:
         """Fault when cells are out of step by `allowed` or more, or leave room for less than `rate`."""
+        away = np.abs(self.folds - commanded_fold)
         spread = float(self.folds.max() - self.folds.min())
         if spread < allowed and rate_limit >= rate:
             return None
-        worst = int(np.argmax(np.abs(self.folds - commanded_fold)))
-        return Fault(
-            FaultKind.OUT_OF_STEP,
-            self._plan.cell_ids[worst],
-            f"fold {self.folds[worst]:.4f}, commanded {commanded_fold:.4f}, "
-            f"spread of all cells {spread:.4f}; limit: the plan's step tolerance, here {allowed:.4f}",
-            "find what holds this cell back",
-            now,
-        )
+        worst = int(np.argmax(away))
+        cell = f"fold {self.folds[worst]:.4f}, commanded {commanded_fold:.4f}, spread of all cells {spread:.4f}"
+        limit = f"the plan's step tolerance, here {allowed:.4f}"
+        thing, remedy = self._plan.cell_ids[worst], "find what holds this cell back"
+        if spread >= allowed:
+            detail = f"{cell}; limit: {limit}"
+        elif float(away.min()) <= spread:
+            detail = f"{cell}; that leaves no room to stop within {limit}"
+        else:  # all alike: no cell is to blame
+            thing, remedy = "all cells", "find what holds them all back, or why their goals come late"
+            detail = f"at least {away.min():.4f} of fold from the command, {commanded_fold:.4f}; "
+            detail += f"that leaves no room to stop within {limit}"
+        return Fault(FaultKind.OUT_OF_STEP, thing, detail, remedy, now)
 
     def judge_health(self, health: HealthReadings, torque_wanted: bool, now: float) -> Fault | None:
         """Look for hardware errors, lost torque, silence, heat and low voltage, in this order."""

@@ -223,7 +223,10 @@ class Seating:
         if found is not None:
             return found
         if fault.kind is FaultKind.OUT_OF_STEP:
-            return self._renamed(fault, FaultKind.SEATING_UNEVEN, self._rig.cell_ids.index(fault.thing))
+            cells_by_name = self._rig.cell_ids
+            if fault.thing not in cells_by_name:
+                return fault  # all alike, and late: that is not uneven
+            return self._renamed(fault, FaultKind.SEATING_UNEVEN, cells_by_name.index(fault.thing))
         cell = self._rig.hinge_ids.index(fault.thing)
         touches = np.isfinite(self.contact_fold[cell])
         return self._renamed(fault, FaultKind.SEATING_EARLY, cell) if touches else fault

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ori_deploy.actuators.bus import BusClosed, CommandRefused
+from ori_deploy.deploy.monitor import Monitor
 from ori_deploy.deploy.result import FaultKind, MotionResult, Outcome
 from ori_deploy.deploy.states import IllegalCommand, State
 from ori_deploy.motion.step_tolerance import StepTolerance
@@ -269,6 +270,29 @@ def test_the_step_tolerance_is_kept_where_it_narrows_ahead() -> None:
     folds = (0.5 - b.bus.true_shaft_rad) / 4.0 / b.plan.crease_angles_rad[-1, :, 2]
     assert np.ptp(folds) > 0.04  # it was stuck that far behind
     assert folds.max() < 0.6  # and the others waited where that is harmless
+
+
+@pytest.mark.parametrize(
+    ("folds", "thing", "says"),
+    [
+        (
+            [0.3] * 4,
+            "all cells",
+            "at least 0.2000 of fold from the command, 0.5000; that leaves no room to stop within",
+        ),
+        ([0.5, 0.5, 0.4, 0.5], "c3", "spread of all cells 0.1000; that leaves no room to stop within"),
+        ([0.5, 0.5, 0.3, 0.5], "c3", "spread of all cells 0.2000; limit: the plan's step tolerance, here 0.1800"),
+    ],
+)
+def test_no_value_within_its_limit_is_told_as_a_fault(folds: list[float], thing: str, says: str) -> None:
+    b = bench(synthetic_plan(4))
+    monitor = Monitor(b.plan, b.rig)
+    monitor.seed(np.array(folds))
+    assert monitor.judge_step(0.5, 0.9, 0.18, 0.0, rate=0.8) is None or np.ptp(folds) >= 0.18
+    fault = monitor.judge_step(0.5, 0.7, 0.18, 0.0, rate=0.8)
+    assert fault is not None
+    assert (fault.kind, fault.thing) == (FaultKind.OUT_OF_STEP, thing)
+    assert says in fault.detail
 
 
 def test_cells_that_fall_out_of_step_while_held_are_a_fault() -> None:

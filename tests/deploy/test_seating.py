@@ -217,6 +217,19 @@ def test_a_cell_out_of_step_in_the_seating_is_uneven(cell: int) -> None:
     ends_in_fault(b, FaultKind.SEATING_UNEVEN, f"c{cell + 1}")
 
 
+def test_cells_that_are_all_late_alike_in_the_seating_are_not_uneven() -> None:
+    b = seating_bench()
+    b.controller.deploy()
+    b.step_until_fold(BEGINS + 0.3 * (1.0 - BEGINS))
+    monitor, seating = b.controller._monitor, b.controller._seating
+    folds = np.full(N, BEGINS + 1e-4)
+    monitor.seed(folds)
+    late = monitor.judge_step(float(folds[0]) + 0.01, 0.1, 0.02, 0.0, rate=0.5)
+    assert late is not None
+    assert seating._active
+    assert seating.named(late) == late
+
+
 def per_cell_latches() -> Plan:
     return replace(seating_plan(), latch_points=tuple(f"cell:c{k + 1}" for k in range(N)))
 
