@@ -111,8 +111,8 @@ def sheets_of(design: Design, spec: PartsSpec) -> tuple[Sheet, ...]:
     for cell, names in enumerate(skeleton.crease_names):
         for crease, name in enumerate(names):
             sides = _sides(skeleton, cell, crease, 1e-3 * spec.film.glue_mm, 1e-3 * spec.print.chord_mm)
-            if sides is None:
-                continue
+            if not any(side.reach > 0.0 for side in sides):
+                continue  # two panels without material
             for ending, start, stop in _segments(design, low, high, 1e-3 * spec.clearance.segment_mm):
                 made.append(_sheet(design, f"{name}{ending}", sides, start, stop, 1e-6 * spec.film.thickness_um))
     return tuple(made)
@@ -128,8 +128,8 @@ def _segments(design: Design, low: float, high: float, gap_m: float) -> list[tup
     return [(f".s{k + 1}", float(a), float(b)) for k, (a, b) in enumerate(zip(starts, stops, strict=True))]
 
 
-def _sides(skeleton: Skeleton, cell: int, crease: int, glue_m: float, chord_m: float) -> tuple[_Side, _Side] | None:
-    """The film on both panels of a crease, the one that is drawn above first; None without a face for it."""
+def _sides(skeleton: Skeleton, cell: int, crease: int, glue_m: float, chord_m: float) -> tuple[_Side, _Side]:
+    """The film on both panels of a crease, the one that is drawn above first; it reaches 0 without a face for it."""
     structure, unit = skeleton.design.structure, skeleton.design.unit_m
     first, opening = NEXT_CREASE.index(crease), CREASES[crease].startswith("open")
     sides = []
@@ -138,9 +138,8 @@ def _sides(skeleton: Skeleton, cell: int, crease: int, glue_m: float, chord_m: f
         shape = panel_shape(structure, panel, chord_m / unit)
         far = skeleton.design.r_max_m
         strip = None if shape is None else film_row(shape, opening, glue_m, far)[0]
-        if strip is None:
-            return None
-        sides.append(_Side(skeleton.layout.panel_ids[panel], _reach(strip, isinstance(structure, ConeStructure))))
+        reach = 0.0 if strip is None else _reach(strip, isinstance(structure, ConeStructure))
+        sides.append(_Side(skeleton.layout.panel_ids[panel], reach))
     # Seen from outside, with the crease to the right, the panel that comes first counter-clockwise is above.
     above_first = opening == skeleton.right_handed
     return (sides[0], sides[1]) if above_first else (sides[1], sides[0])
@@ -201,9 +200,9 @@ def _band_beyond(length: float, free: float, reach: float) -> Ring | None:
 
 def _sector_beyond(r_low: float, r_high: float, free: float, last: float) -> Ring | None:
     """What of the sector up to the angle `last` lies further than `free` from the crease; None where nothing does."""
-    ray, meets = np.array([np.cos(last), np.sin(last)]), free / np.sin(last)
-    if meets >= r_high:
+    if free >= r_high * np.sin(last):
         return None
+    ray, meets = np.array([np.cos(last), np.sin(last)]), free / np.sin(last)
     outer = [np.sqrt(r_high**2 - free**2), free]
     bulge = np.tan(0.25 * (last - np.arcsin(free / r_high)))
     if meets >= r_low:
