@@ -17,7 +17,7 @@ from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.result import CycleRecord, MotionResult, Outcome
 from ori_deploy.deploy.states import State
 from ori_deploy.mav.interlock import VehicleInterlock
-from ori_deploy.mav.words import Answered, Ask, Ended, Hold, Snapshot, Tune, Vehicle, Word
+from ori_deploy.mav.words import Answered, Ask, Ended, Failed, Hold, Snapshot, Tune, Vehicle, Word
 from ori_deploy.operate.desk import Desk
 from ori_deploy.operate.messages import Code, Do, Request
 from ori_deploy.wire.vehicle import dialect
@@ -131,6 +131,8 @@ class Bridge:
             self._controller.limit_speed(word.speed)
             self._interlock.tune(word.deploy_when)
             self._hold_on_loss = word.hold_on_loss
+        elif isinstance(word, Failed):  # one that was started again; of the first, `serve` ends
+            log.error("the vehicle's network cannot be opened: %s", word.text)
 
     def cut_off(self) -> None:
         """The process that speaks MAVLink is gone: nobody on the network can stop the structure any more."""

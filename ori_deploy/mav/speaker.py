@@ -67,7 +67,12 @@ class Speaker:
         return self._lost_s is not None
 
     def words(self) -> Iterator[Word]:
-        """What it has said, as much as fits into a cycle; the rest comes in the next."""
+        """What it has said, as much as fits into a cycle; the rest comes in the next.
+
+        Of one that is gone nothing more counts: nobody on the network could take back what it asked for.
+        """
+        if self.lost:
+            return
         try:
             for frame in self._sender.heard():
                 self._waiting.extend(word for word in map(word_of, frame) if word is not None)
@@ -90,8 +95,11 @@ class Speaker:
         if self._lost_s is None or time.monotonic() - self._lost_s < RESTART_S:
             return
         self.close()
-        self._process, self._sender = self._start()
         self._lost_s, self._waiting = None, []
+        try:
+            self._process, self._sender = self._start()
+        except OSError as wrong:  # no memory, no processes left: tried again
+            self._lose(wrong)
 
     def close(self) -> None:
         """End it. Safe to call twice."""
