@@ -8,7 +8,7 @@ import math
 import sys
 import time
 
-from ori_deploy.mav.ground import GroundStation
+from ori_deploy.mav.ground import GroundStation, NoAnswer
 
 
 def main(link: str, cycles: int) -> int:
@@ -35,4 +35,9 @@ def main(link: str, cycles: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], int(sys.argv[2])))
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    try:
+        sys.exit(main(sys.argv[1], int(sys.argv[2])))
+    except NoAnswer as nobody:
+        sys.exit(str(nobody))

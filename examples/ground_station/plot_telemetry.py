@@ -10,13 +10,14 @@ import time
 
 from matplotlib.figure import Figure
 
-from ori_deploy.mav.ground import GroundStation, Structure
+from ori_deploy.mav.ground import GroundStation, NoAnswer, Structure
 from ori_deploy.wire.vehicle import Party
 
 
 def main(link: str, command: str, picture: str) -> None:
     times, told = [], []
     with GroundStation(link) as pilot, GroundStation(link, party=Party(254, 190)) as watcher:
+        watcher.status()  # nobody there: says so, instead of waiting for telemetry
         moving = threading.Thread(target=lambda: print(getattr(pilot, command)()))
         moving.start()
         for one in watcher.monitor():
@@ -36,4 +37,9 @@ def main(link: str, command: str, picture: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:4])
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
+    try:
+        main(*sys.argv[1:4])
+    except NoAnswer as nobody:
+        sys.exit(str(nobody))

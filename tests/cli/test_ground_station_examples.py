@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -46,6 +48,35 @@ def test_the_stand_in_keeps_away_from_vehicles() -> None:
     done = script("stand_in_autopilot", "udpout:192.0.2.1:14550")
     assert (done.returncode, done.stdout) == (1, "")
     assert "only on 127.0.0.1" in done.stderr
+
+
+def test_ctrl_c_ends_the_stand_in_without_a_word() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as component:
+        component.bind(("127.0.0.1", 0))
+        component.settimeout(60.0)
+        line = [sys.executable, str(SCRIPTS / "stand_in_autopilot.py"), f"udpout:127.0.0.1:{component.getsockname()[1]}"]
+        with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as autopilot:
+            assert component.recv(300)  # it speaks
+            autopilot.send_signal(signal.SIGINT)
+            _, error = autopilot.communicate(timeout=60)
+    assert (autopilot.returncode, error) == (0, "")
+
+
+@pytest.mark.parametrize("words", [("bench_cycles", 1), ("plot_telemetry", "deploy", "never.png")])
+def test_a_script_that_hears_nobody_says_so_and_ends(words: tuple[str, object], tmp_path: Path) -> None:
+    name, *rest = words
+    done = script(name, f"udpout:127.0.0.1:{free_port()}", *rest)
+    assert done.returncode == 1
+    assert done.stderr.startswith("system 1 component 140 is not heard")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", [path.stem for path in sorted(SCRIPTS.glob("*.py"))])
+def test_a_script_without_words_shows_how_it_is_called(name: str) -> None:
+    done = script(name)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert f"python examples/ground_station/{name}.py udpout:127.0.0.1:14560" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.slow
