@@ -61,7 +61,7 @@ def _lift(found: Assessment) -> Iterator[str]:
     if steps:
         yield (
             f"C_L: what may lie behind it, one upon the other: {'; '.join(steps)}. That leaves "
-            f"{100.0 * (said / reached - 1.0):+.1f} %. Which of them was counted is not said."
+            f"{100.0 * (said / reached - 1.0):+z.1f} %. Which of them was counted is not said."
         )
 
 
