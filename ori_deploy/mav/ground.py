@@ -61,6 +61,9 @@ class Result(IntEnum):
     CANCELLED = dialect.MAV_RESULT_CANCELLED
 
 
+_STATES, _RESULTS = frozenset(State), frozenset(Result)
+
+
 class NoAnswer(OriDeployError):
     """The structure is not on the network, or does not answer."""
 
@@ -294,6 +297,8 @@ class GroundStation:
                 self._links.send(self._command_long(command, force, sent), None)
                 sent, due = sent + 1, time.monotonic() + ANSWER_S
             for answer in self._acknowledged(command):
+                if answer.result not in _RESULTS:
+                    raise NoAnswer(f"{self._name()} answered with MAV_RESULT {answer.result}: not the structure")
                 if answer.result != dialect.MAV_RESULT_IN_PROGRESS:
                     return Verdict(Result(answer.result), reason_name(answer.result_param2))
                 begun, sent, due = True, 1, time.monotonic() + PROGRESS_S
@@ -348,7 +353,7 @@ class GroundStation:
     def _told(self, heard: Heard) -> Structure | Text | None:
         message = heard.message
         if isinstance(message, dialect.MAVLink_ori_structure_message):
-            return structure_of(message)
+            return structure_of(message) if message.state in _STATES else None  # of another version
         if isinstance(message, dialect.MAVLink_statustext_message):
             return self._worded(message)
         return None
