@@ -25,6 +25,8 @@ NO_INDEX = -1
 ALL_INDICES = 65535
 """Index of a PARAM_VALUE that answers a request by name, or a change."""
 
+BEYOND_ALL = 1e300
+
 log = logging.getLogger(__name__)
 
 
@@ -128,7 +130,7 @@ def _load(path: Path, known: Mapping[str, Parameter]) -> dict[str, float]:
     remedy = "mend it, or remove it: then the settings' values hold"
     try:
         document = json.loads(path.read_text())
-    except (OSError, ValueError) as wrong:
+    except (OSError, ValueError, RecursionError) as wrong:
         raise FileError(f"{path}: parameters cannot be read", value=wrong, remedy=remedy) from wrong
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise FileError(f"{path}: not a file of parameters", limit=f'schema = "{SCHEMA}"', remedy=remedy)
@@ -138,7 +140,8 @@ def _load(path: Path, known: Mapping[str, Parameter]) -> dict[str, float]:
     for name, value in values.items():
         if name not in known or isinstance(value, bool) or not isinstance(value, int | float):
             raise FileError(f"{path}: {name}: no such parameter, or no number", value=value, remedy=remedy)
-        problem = known[name].problem(float(value))
+        # An integer of a file may fit no float.
+        problem = known[name].problem(float(value) if abs(value) < BEYOND_ALL else math.inf)
         if problem is not None:
             raise FileError(f"{path}: {name}: {problem}", remedy=remedy)
     return {name: float(value) for name, value in values.items()}
@@ -197,7 +200,7 @@ class ParameterService:
         elif isinstance(message, dialect.MAVLink_param_request_read_message):
             index = message.param_index
             if index == NO_INDEX:
-                self._read(text_of(message.param_id), peer)
+                self._read(text_of(message.param_id), heard)
             elif 0 <= index < len(known):
                 self._tell_value(index, peer, index)
             else:
@@ -214,14 +217,19 @@ class ParameterService:
             else:
                 del self._listing[peer]
 
-    def _read(self, name: str, peer: Peer) -> None:
-        for index, one in enumerate(self._parameters.known):
-            if one.name == name:
-                self._tell_value(index, peer, index)
+    def _read(self, name: str, heard: Heard) -> None:
+        index = self._index(name)
+        if index is None:
+            self._error(name, NO_INDEX, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST, heard)
+        else:
+            self._tell_value(index, heard.peer, index)
+
+    def _index(self, name: str) -> int | None:
+        return next((at for at, one in enumerate(self._parameters.known) if one.name == name), None)
 
     def _set(self, name: str, value: float, heard: Heard) -> None:
         """Set it; whatever comes of it, the value that holds is told, as the protocol wants."""
-        index = next((at for at, one in enumerate(self._parameters.known) if one.name == name), None)
+        index = self._index(name)
         if index is None:
             self._error(name, NO_INDEX, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST, heard)
             return
@@ -257,6 +265,8 @@ class ParameterService:
         )
 
     def _error(self, name: str, index: int, error: int, heard: Heard) -> None:
+        if error == dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST and getattr(heard.message, "target_component", 0) == 0:
+            return  # asked of all components: it is another's
         self._send(
             dialect.MAVLink_param_error_message(
                 target_system=heard.system,

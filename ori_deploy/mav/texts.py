@@ -50,10 +50,12 @@ class Texts:
         said = (severity, f"ori: {text}")
         if self._waiting and self._waiting[-1] == said:
             return
-        if len(self._waiting) >= WAITING:
-            self._left_out += 1
-            return
         self._waiting.append(said)
+        if len(self._waiting) > WAITING:  # the newest of the least severe goes: a fault is told, whatever else is
+            self._left_out += 1
+            worst = max(one[0] for one in self._waiting)
+            at = max(k for k, one in enumerate(self._waiting) if one[0] == worst)
+            del self._waiting[at]
 
     def snapshot(self, snapshot: Snapshot) -> None:
         """Tell what has changed since the last one."""
