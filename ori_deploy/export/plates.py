@@ -87,32 +87,49 @@ def _about_z(turn: complex) -> Reals:
     return np.array([[turn.real, -turn.imag, 0.0], [turn.imag, turn.real, 0.0], [0.0, 0.0, 1.0]])
 
 
-def lay_out(parts: Parts) -> tuple[Placed, ...]:
-    """All parts on plates: rows of them, the deepest first, in the order in which they are packed.
+@dataclass
+class _Row:
+    """A row of parts on a plate: where it is, how deep, and how far it is filled."""
 
-    A part longer than the bed lies along its diagonal where that helps.
+    plate: int
+    y: float
+    depth: float
+    x: float
+
+
+def lay_out(parts: Parts) -> tuple[Placed, ...]:
+    """All parts on plates, in rows: the deepest parts first, each in the first row or plate that has room for it.
+
+    A part longer than the bed lies askew where that helps.
     """
     bed = 1e-3 * np.array(parts.spec.print.bed_mm)
     gap = 1e-3 * parts.spec.print.part_gap_mm
     flat = [(part, *_on_bed(part, bed)) for part in parts.parts]
-    order = sorted(range(len(flat)), key=lambda i: (-flat[i][2][1], i))
-    placed: list[Placed] = []
-    alone = []
-    plate, x, y, row = 0, 0.0, 0.0, 0.0
-    for i in order:
-        part, matrix, size = flat[i]
-        if not (size <= bed + 1e-9).all():
-            alone.append((part, matrix, size))
-            continue
-        if x > 0.0 and x + size[0] > bed[0]:
-            x, y, row = 0.0, y + row + gap, 0.0
-        if y > 0.0 and y + size[1] > bed[1]:
-            plate, x, y, row = plate + 1, 0.0, 0.0, 0.0
-        placed.append(Placed(part, plate, _moved(matrix, x, y), size, fits=True))
-        x, row = x + size[0] + gap, max(row, float(size[1]))
+    fitting = [item for item in flat if (item[2] <= bed + 1e-9).all()]
+    rows: list[_Row] = []
+    placed = []
+    for part, matrix, size in sorted(fitting, key=lambda item: -item[2][1]):
+        row = next((r for r in rows if r.x + size[0] <= bed[0] + 1e-9), None)  # none is deeper than an earlier row
+        if row is None:
+            row = _new_row(rows, float(size[1]), float(bed[1]), gap)
+            rows.append(row)
+        placed.append(Placed(part, row.plate, _moved(matrix, row.x, row.y), size, fits=True))
+        row.x += float(size[0]) + gap
+    placed.sort(key=lambda item: item.plate)
     first = placed[-1].plate + 1 if placed else 0
+    alone = [item for item in flat if not (item[2] <= bed + 1e-9).all()]
     placed += [Placed(part, first + k, matrix, size, fits=False) for k, (part, matrix, size) in enumerate(alone)]
     return tuple(placed)
+
+
+def _new_row(rows: list[_Row], depth: float, bed_depth: float, gap: float) -> _Row:
+    """On the first plate that has room behind its last row, or on a new one."""
+    last = {row.plate: row for row in rows}
+    for plate, row in sorted(last.items()):
+        y = row.y + row.depth + gap
+        if y + depth <= bed_depth + 1e-9:
+            return _Row(plate, y, depth, 0.0)
+    return _Row(len(last), 0.0, depth, 0.0)
 
 
 def _on_bed(part: Part, bed: Reals) -> tuple[Reals, Reals]:

@@ -14,8 +14,8 @@ from ori_deploy.export.parts import Part, Parts
 from ori_deploy.files import write_atomically
 from ori_deploy.profiles.sphere import Vectors
 
-_FLAT = 1e-9
-"""Metres by which triangles may leave a plane and still be one face."""
+_FLAT = 3e-11
+"""Metres by which triangles may leave a plane and still be one face: OpenCASCADE takes 1e-7 mm for a plane."""
 
 
 def write_step(parts: Parts, path: Path) -> None:
