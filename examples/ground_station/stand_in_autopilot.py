@@ -5,6 +5,7 @@
 Never on the network of a vehicle: its word would be taken for that of the autopilot, in the air, too.
 """
 
+import contextlib
 import sys
 import time
 
@@ -26,7 +27,5 @@ def main(link: str) -> None:
 if __name__ == "__main__":
     if len(sys.argv) != 2:
         sys.exit(__doc__)
-    try:
+    with contextlib.suppress(KeyboardInterrupt):  # as it is meant to end
         main(sys.argv[1])
-    except KeyboardInterrupt:
-        pass  # as it is meant to end

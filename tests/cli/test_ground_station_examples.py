@@ -54,7 +54,8 @@ def test_ctrl_c_ends_the_stand_in_without_a_word() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as component:
         component.bind(("127.0.0.1", 0))
         component.settimeout(60.0)
-        line = [sys.executable, str(SCRIPTS / "stand_in_autopilot.py"), f"udpout:127.0.0.1:{component.getsockname()[1]}"]
+        link = f"udpout:127.0.0.1:{component.getsockname()[1]}"
+        line = [sys.executable, str(SCRIPTS / "stand_in_autopilot.py"), link]
         with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as autopilot:
             assert component.recv(300)  # it speaks
             autopilot.send_signal(signal.SIGINT)
@@ -63,7 +64,7 @@ def test_ctrl_c_ends_the_stand_in_without_a_word() -> None:
 
 
 @pytest.mark.parametrize("words", [("bench_cycles", 1), ("plot_telemetry", "deploy", "never.png")])
-def test_a_script_that_hears_nobody_says_so_and_ends(words: tuple[str, object], tmp_path: Path) -> None:
+def test_a_script_that_hears_nobody_says_so_and_ends(words: tuple[str, object]) -> None:
     name, *rest = words
     done = script(name, f"udpout:127.0.0.1:{free_port()}", *rest)
     assert done.returncode == 1
