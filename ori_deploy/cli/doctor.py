@@ -19,6 +19,7 @@ from ori_deploy.actuators.dynamixel.startup import ATTEMPTS
 from ori_deploy.actuators.dynamixel.wiring import Wiring
 from ori_deploy.actuators.resolve import resolve_rig
 from ori_deploy.actuators.rig import STOW_POINT, Rig, load_rig
+from ori_deploy.bench.board import BOOT_WAIT_S
 from ori_deploy.bench.diagnosis import (
     Finding,
     ServoState,
@@ -34,7 +35,7 @@ from ori_deploy.bench.diagnosis import (
 )
 from ori_deploy.bench.servos import USUAL_BAUDS, Census, census
 from ori_deploy.cli.bus_common import Place, columns, model_name, place, place_options, tell_json
-from ori_deploy.cli.doctor_mcu import board_findings
+from ori_deploy.cli.doctor_mcu import board_findings, unasked_board
 from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, example
 from ori_deploy.errors import RigError
 from ori_deploy.files import load_plan
@@ -68,7 +69,7 @@ def doctor(
         where = place(port, baud, rig_file)
         asked, findings = where.port, port_findings(where.port)
         if not _problems(findings):
-            findings += _on_the_bus(where, plan)
+            findings += _on_the_bus(where, plan) if rig is not None or baud is not None else _whoever_is_there(where)
     if rig is not None and rig.mcu is not None:
         board = (mcu_port if asked else port) or rig.mcu.port
         found = port_findings(board)
@@ -90,6 +91,16 @@ def doctor(
         _print(findings, everything=everything)
     if verdicts["problem"]:
         sys.exit(EXIT_NOT_DONE)
+
+
+def _whoever_is_there(where: Place) -> list[Finding]:
+    """Nobody said what the device is. A board that is awake says so at once, one in its bootloader after silence."""
+    found = unasked_board(where.port, 0.0)
+    if found:
+        return found
+    servos = _on_the_bus(where, None)
+    nobody = any(finding.check == "servos answer" and finding.verdict == "problem" for finding in servos)
+    return (unasked_board(where.port, BOOT_WAIT_S) if nobody else []) or servos
 
 
 def _problems(findings: list[Finding]) -> bool:

@@ -224,6 +224,22 @@ def test_the_doctor_says_what_is_wrong_with_a_board(made: Path, tmp_path: Path) 
         assert run(*words, *plan, cwd=tmp_path).returncode == 1
 
 
+def test_the_doctor_says_what_is_at_a_port_that_nobody_told_it_of(made: Path, tmp_path: Path) -> None:
+    with board(made, tmp_path) as one:
+        words = ("doctor", "--port", tmp_path / "ttyMCU", "--json")
+        told = {one["check"]: one for one in json.loads(run(*words, cwd=tmp_path).stdout)["findings"]}
+        assert told["device"]["value"].startswith("microcontroller (")
+        assert "servos answer" not in told
+        configure(made, tmp_path)
+        one.estop()
+        time.sleep(0.5)
+        done = run(*words, cwd=tmp_path)
+        assert done.returncode == 1
+        fault = next(one for one in json.loads(done.stdout)["findings"] if one["check"] == "fault")
+        assert fault["value"].startswith("estop: ")
+        assert "ori-deploy mcu clear-fault" in fault["remedy"]
+
+
 def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made: Path, tmp_path: Path) -> None:
     text = (made / "rig.toml").read_text()
     lines = [line for line in text.splitlines() if not line.startswith("feedback_")]
