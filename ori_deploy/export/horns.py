@@ -20,7 +20,7 @@ from ori_deploy.motion.mechanism import AnyStructure
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.profiles.sphere import Vectors
 
-_SCAN = 180
+_SCAN = 72
 """Directions round the crease in which screws are tried."""
 
 
@@ -98,7 +98,7 @@ def _screws(piece: Workpiece, floor: Vectors, outward: Vectors, right: Vectors, 
     circle_m = 0.5e-3 * spec.screw_circle_mm
     reach = 0.5e-3 * spec.screw_diameter_mm + piece.wall_m
     centre = circle_m * np.column_stack([np.cos(angle), np.sin(angle)])
-    ring = reach * np.column_stack([np.cos(angle[::15]), np.sin(angle[::15])])
+    ring = reach * np.column_stack([np.cos(angle[::9]), np.sin(angle[::9])])
     places = (centre[:, None] + ring).reshape(-1, 2)
     origins = floor + places[:, :1] * right + places[:, 1:] * up
     deep = piece.depth(origins, -outward).reshape(_SCAN, -1).min(axis=1)

@@ -18,8 +18,8 @@ from ori_deploy.profiles.sphere import Vectors
 
 Check = Literal["wall", "overhang", "bed"]
 
-_SAMPLES = 300
-"""Places of either kind at which a part's walls are measured."""
+_SPREAD, _PLANES = 100, 200
+"""Places all over a part's surface, and planes of it, at which its walls are measured."""
 _OPPOSITE = -float(np.cos(np.radians(10.0)))
 """Cosine between two faces' normals below which what is between them is a wall, and not a corner."""
 
@@ -67,8 +67,8 @@ def print_check(parts: Parts) -> tuple[Finding, ...]:
 def walls(part: Part) -> tuple[Vectors, Reals]:
     """How thick a part is, measured straight through from places on its surface.
 
-    From places spread evenly, and from the middle of the larger triangles, so that floors of pockets are seen. What
-    lies between faces that are not nearly parallel is a corner, and no wall.
+    From places spread evenly, and from one in every plane, so that floors of pockets are seen. What lies between
+    faces that are not nearly parallel is a corner, and no wall.
 
     Returns
     -------
@@ -76,11 +76,15 @@ def walls(part: Part) -> tuple[Vectors, Reals]:
     """
     normal, area = part.faces
     rng = np.random.default_rng(1)
-    spread = rng.choice(len(area), size=_SAMPLES, p=area / area.sum())
-    large = np.argsort(-area, kind="stable")[:_SAMPLES]
-    chosen = np.concatenate([spread, large])
-    share = rng.dirichlet(np.ones(3), size=_SAMPLES)
-    share = np.vstack([share, np.full((len(large), 3), 1.0 / 3.0)])
+    spread = rng.choice(len(area), size=_SPREAD, p=area / area.sum())
+    largest = np.argsort(-area, kind="stable")
+    height = np.einsum("mi,mi->m", normal, part.points[part.triangles[:, 0]] - part.points[0])
+    plane = np.column_stack([normal.round(6), height.round(6)])[largest]
+    _, first = np.unique(plane, axis=0, return_index=True)
+    single = largest[np.sort(first)][:_PLANES]
+    chosen = np.concatenate([spread, single])
+    share = rng.dirichlet(np.ones(3), size=_SPREAD)
+    share = np.vstack([share, np.full((len(single), 3), 1.0 / 3.0)])
     at = np.einsum("nk,nki->ni", share, part.points[part.triangles[chosen]])
     thick, through = exits(part.points, part.triangles, at, -normal[chosen])
     facing = np.einsum("ni,ni->n", normal[chosen], normal[through])

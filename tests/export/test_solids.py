@@ -15,7 +15,6 @@ from ori_deploy.errors import CellError
 from ori_deploy.export.lettering import _letters
 from ori_deploy.export.parts import Part, build_parts
 from ori_deploy.export.parts_spec import PartsSpec
-from ori_deploy.export.print_check import print_check
 from ori_deploy.export.workpiece import Pocket
 from ori_deploy.files import Design, build_from_file
 from ori_deploy.profiles import Superellipse
@@ -118,7 +117,7 @@ KINDS = ["wing", "ellipse 6 without wall", "one cell", "cone elliptic 6", "cone 
 
 
 @pytest.mark.slow
-@settings(EXPLORE, max_examples=8)
+@settings(EXPLORE, max_examples=5)
 @given(data=st.data())
 def test_whatever_is_cut_leaves_one_closed_body_and_its_volume_is_told(data: st.DataObject) -> None:
     d = design(data.draw(st.sampled_from(KINDS)))
@@ -149,7 +148,7 @@ def drawn_spec(data: st.DataObject) -> dict[str, dict[str, float]]:
 
 
 @pytest.mark.slow
-@settings(EXPLORE, max_examples=12)
+@settings(EXPLORE, max_examples=5)
 @given(data=st.data())
 def test_whatever_is_cut_from_whatever_shape(data: st.DataObject) -> None:
     n = data.draw(st.integers(3, 12))
@@ -172,11 +171,11 @@ def test_every_example_exports(path: Path) -> None:
     spec, structure = build_from_file(path)
     cut = spec.structure
     d = Design(path.stem, cut.span_m, structure, span_segments=cut.span_segments, r_min_m=cut.r_min_m)
-    plain = build_parts(d, plain=True)
+    coarse = PartsSpec.model_validate({"print": {"chord_mm": 0.05}})
+    plain = build_parts(d, coarse, plain=True)
     assert abs(plain.volume_m3 / material_m3(d) - 1.0) < 1e-9
-    made = build_parts(d, driven=driven_everywhere(d))
+    made = build_parts(d, coarse, driven=driven_everywhere(d))
     assert_sound(made)
-    assert len(print_check(made)) == 3 * len(made.parts)
 
 
 @pytest.mark.parametrize("name", some_slow(["tapered"], ["wing", "cone elliptic 6"]))
