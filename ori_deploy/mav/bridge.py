@@ -145,13 +145,13 @@ class Bridge:
         if do is not Do.STOP and self._now() - ask.asked_s > STALE_ASK_S:
             self._say(Answered(ask.token, False, dialect.ORI_REASON_LOOP_SILENT, "the loop was too late for it"))
             return
-        if ask.force:
-            log.warning("%s forces %s", ask.who, ask.do)
         answer = self._desk.answer(Request(do, force=ask.force), ask.who)
         if answer.took and do in (Do.DEPLOY, Do.STOW):
             if self._token:  # gone on with, or turned round: the older order is over
                 self._say(Ended(self._token, str(Outcome.STOPPED), "another order took its place"))
             self._token, self._ordered, self._held_for = ask.token, do, 0
+        if answer.took and ask.force:
+            log.warning("%s went past the interlock: %s by force", ask.who, ask.do)
         log.info("%s asks for %s: %s", ask.who, ask.do, "taken" if answer.took else answer.why)
         reason = 0 if answer.code is None else REASONS[answer.code]
         self._say(Answered(ask.token, answer.took, reason, answer.why or ""))
@@ -160,6 +160,7 @@ class Bridge:
     def _hold(self, reason: int) -> None:
         if self._desk.answer(Request(Do.PAUSE), "the vehicle's network").took:
             self._held_for = reason
+            log.warning("held: %s", dialect.enums["ORI_REASON"][reason].description)
             self._snapshot_due = -math.inf
 
     def _watch_vehicle(self) -> None:

@@ -235,6 +235,8 @@ class Commands:
             return
         if answered.took:
             job.taken = True
+            if job.force:
+                self._tell(dialect.MAV_SEVERITY_WARNING, f"{next(iter(job.askers))} FORCES {job.work.name.lower()}")
             if job.work is Work.CLEAR_FAULT:
                 self._end(job, Verdict(dialect.MAV_RESULT_ACCEPTED), now)
             else:
@@ -279,8 +281,6 @@ class Commands:
         job = Job(work, self._token(), force, now, {asker: peer}, {asker: now})
         self._jobs[work] = job
         self._ask(Ask(job.token, str(work), str(asker), force, now))
-        if force:
-            self._tell(dialect.MAV_SEVERITY_WARNING, f"{asker} FORCES {work.name.lower()}")
 
     def _deny(self, asker: Asker, peer: Peer, reason: int) -> None:
         """Refuse for good; not remembered, so that strangers cannot push out what others have not heard."""
