@@ -17,27 +17,23 @@ def main(link: str, cycles: int) -> int:
     with GroundStation(link) as station:
         station.fold()  # every cycle begins folded
         for cycle in range(1, cycles + 1):
-            times = []
+            times, told = [], []
             for move in (station.deploy, station.fold):
                 began = time.monotonic()
                 verdict = move()
                 times.append(f"{time.monotonic() - began:.2f}")
-                told = station.status()
+                told.append(station.status())
                 if not verdict.accepted:
-                    print(f"cycle {cycle}: {move.__name__} {verdict}; {told.fault}", file=sys.stderr)
+                    print(f"cycle {cycle}: {move.__name__} {verdict}; {told[-1].fault}", file=sys.stderr)
                     return 1
-                if move == station.deploy:
-                    latched = told.latches_confirmed
-            worst = math.degrees(told.worst_tracking_rad)  # since the component was started
-            table.writerow([cycle, *times, f"{worst:.2f}", latched])
+            worst = math.degrees(told[-1].worst_tracking_rad)  # since the component was started
+            table.writerow([cycle, *times, f"{worst:.2f}", told[0].latches_confirmed])
             sys.stdout.flush()
     return 0
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
     try:
-        sys.exit(main(sys.argv[1], int(sys.argv[2])))
+        sys.exit(main(sys.argv[1], int(sys.argv[2])) if len(sys.argv) == 3 else __doc__)
     except NoAnswer as nobody:
         sys.exit(str(nobody))
