@@ -19,6 +19,9 @@ Made = TypeVar("Made")
 _PATIENCE_S = 3.0
 """How long an interrupt waits for work under way that may be about to finish."""
 
+_LOOK_UP_S = 0.5
+"""How often a wait looks up: an interrupt that another thread was woken by is only noticed then."""
+
 _ENDED_WITHIN_S = 5.0
 """How long a broken pool takes at most to end the workers it has left."""
 
@@ -88,10 +91,11 @@ class Processes(Generic[Work, Made]):
                 ours |= set(multiprocessing.active_children()) - others
                 if not running:
                     break
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                done, _ = wait(running, timeout=_LOOK_UP_S, return_when=FIRST_COMPLETED)
                 lost += self._taken(done, running)
                 if lost:
-                    wait(running)
+                    while wait(running, timeout=_LOOK_UP_S).not_done:
+                        pass
                     lost += self._taken(set(running), running)
                     break
             finished = True
