@@ -1,4 +1,4 @@
-# make demo | figures | test | campaign | bench | install | lint | clean
+# make demo | figures | docs | test | campaign | bench | install | lint | clean
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 # for them (vtk, opencv) is 750 MB.
 MAVPROXY := MAVProxy==1.8.75
 
-.PHONY: demo figures install firmware-tools test test-fast campaign bench lint clean
+.PHONY: demo figures docs install firmware-tools test test-fast campaign bench lint clean
 
 demo: install
 	$(BIN)/ori-deploy demo
@@ -15,6 +15,12 @@ demo: install
 # The paper's figures and the data behind them, in out/figures.
 figures: install
 	$(BIN)/ori-deploy figures --out out/figures
+
+# The documents as a site, in out/site; their pictures are made first.
+docs: install
+	sh tools/local_scripts.sh docs/generated
+	$(BIN)/python tools/make_doc_pictures.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 install: $(STAMP)
 
@@ -49,4 +55,4 @@ bench: install firmware-tools
 
 clean:
 	$(MAKE) -C firmware clean
-	rm -rf $(VENV) out build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) out docs/generated build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
