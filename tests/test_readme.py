@@ -34,11 +34,11 @@ def test_docstring_of_the_package_is_true(monkeypatch: pytest.MonkeyPatch) -> No
     assert result.failed == 0
 
 
-def test_readme_fits_a_screen_or_two_and_shows_the_demo_early() -> None:
+def test_readme_fits_a_screen_or_two_and_shows_the_fold_early() -> None:
     lines = README.splitlines()
     assert len(lines) < 110
-    assert any("docs/fold.png" in line for line in lines[:15])
-    assert (ROOT / "docs" / "fold.png").stat().st_size > 10_000
+    assert any("(docs/pictures/fold.gif)" in line for line in lines[:15])
+    assert (ROOT / "docs" / "pictures" / "fold.gif").stat().st_size > 10_000
 
 
 def test_every_file_the_readme_names_is_there() -> None:
