@@ -36,6 +36,7 @@ COMMANDS = (
     "bus",
     "doctor",
     "export",
+    "schema",
 )
 
 
