@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.claim import held_devices
@@ -29,7 +30,12 @@ _EVENTS = {
 }
 """The controller's names of what an operator may do in every session."""
 
-_ORDERS = {Event.DEPLOY: Do.DEPLOY, Event.STOW: Do.STOW, Event.CLEAR_FAULT: Do.CLEAR_FAULT}
+_ORDERS = {
+    Event.ARM: Do.ARM,
+    Event.DEPLOY: Do.DEPLOY,
+    Event.STOW: Do.STOW,
+    Event.CLEAR_FAULT: Do.CLEAR_FAULT,
+}
 """And in one that takes orders."""
 
 
@@ -63,6 +69,9 @@ class Operable(Protocol):
 
 class Orders(Protocol):
     """What the desk needs of a session that takes orders, instead of being started for one command."""
+
+    def arm(self) -> None:
+        """Hold where measured; nothing moves."""
 
     def deploy(self) -> None:
         """Begin to deploy."""
@@ -152,6 +161,7 @@ class Desk:
         self.command: str | None = None
         self.forced = False
         self._latches: tuple[LatchStatus, ...] = ()
+        self._temperature_c: tuple[float | None, ...] = ()
         self.stopped_by: str | None = None
 
     def __call__(self, record: CycleRecord) -> None:
@@ -160,6 +170,8 @@ class Desk:
         self._due.note(record)
         if record.stage is not None:
             self.command = "stow" if record.stage in self._stows else "deploy"
+        if record.health is not None:
+            self._temperature_c = _told(record.health.temperature_c, 1)
         if record.latches is not None:
             self._latches = tuple(LatchStatus(one.id, one.engaged, one.confirmed) for one in record.latches)
 
@@ -213,6 +225,8 @@ class Desk:
             do = Do.STOW if self.command == "stow" else Do.DEPLOY
             if self.forced:
                 return None
+        if do is Do.ARM:
+            do = Do.DEPLOY  # nothing is powered where nothing may move
         if self._interlock is None or do not in (Do.DEPLOY, Do.STOW):
             return None
         return self._interlock.refuses(do, request.force)
@@ -235,6 +249,8 @@ class Desk:
             self._controller.emergency_stop(who)
         elif self._orders is None:
             return self._refused(Code.ONE_COMMAND, "this session was started for one command")
+        elif do is Do.ARM:
+            self._orders.arm()
         elif do is Do.DEPLOY:
             self._orders.deploy()
         elif do is Do.STOW:
@@ -281,6 +297,10 @@ class Desk:
             overruns=0 if last is None else last.overruns,
             cycles=0 if last is None else last.index + 1,
             latches=self._latches,
+            takes_orders=self._orders is not None,
+            folds=() if last is None else _told(last.folds, 5),
+            current_a=() if last is None else _told(last.readings.current_a, 3),
+            temperature_c=self._temperature_c,
         )
 
     def _progress(self, path_time_s: float) -> tuple[float | None, float | None]:
@@ -289,3 +309,8 @@ class Desk:
             return None, None
         done = path_time_s if self.command == "deploy" else self._duration_s - path_time_s
         return round(100.0 * done / self._duration_s, 2), round(max(self._duration_s - done, 0.0), 3)
+
+
+def _told(values: NDArray[np.float64], digits: int) -> tuple[float | None, ...]:
+    """Numbers for JSON, which has no NaN."""
+    return tuple(round(x, digits) if math.isfinite(x) else None for x in values.tolist())

@@ -30,6 +30,7 @@ class Do(StrEnum):
     DEPLOY = auto()
     STOW = auto()
     CLEAR_FAULT = auto()
+    ARM = auto()
 
 
 class Code(StrEnum):
@@ -109,6 +110,11 @@ class Status:
         Totals of the session.
     latches
         As read last.
+    takes_orders
+        Whether it can be asked to arm, deploy and stow, instead of being started for one command.
+    folds, current_a, temperature_c
+        Measured fold of every cell; current and temperature of every actuator as read last. None where not known;
+        empty before the first reading, and from older versions.
     """
 
     pid: int
@@ -132,6 +138,10 @@ class Status:
     overruns: int
     cycles: int
     latches: tuple[LatchStatus, ...]
+    takes_orders: bool = False
+    folds: tuple[float | None, ...] = ()
+    current_a: tuple[float | None, ...] = ()
+    temperature_c: tuple[float | None, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

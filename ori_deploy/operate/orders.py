@@ -49,6 +49,13 @@ class StandingOrders:
         """Whether an order is being carried out, or is held."""
         return self._running
 
+    def arm(self) -> None:
+        """Hold where measured, and nothing more. Raises what the controller raises."""
+        state = self._controller.state
+        self._prepare()
+        if self._controller.state is state:  # nothing was left to do: the controller says what it allows
+            self._controller.arm()
+
     def deploy(self) -> None:
         """Begin to deploy, or turn round, or go on. Raises what the controller raises."""
         self._prepare()

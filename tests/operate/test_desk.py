@@ -132,3 +132,16 @@ def test_behind_a_queue_it_is_the_goal_that_is_due_that_counts() -> None:
     gear = 4.0
     assert exact.worst_rad < 1e-4
     assert late.worst_rad == pytest.approx(0.1 / gear, rel=0.1)
+
+
+def test_a_page_is_told_every_cell_s_fold_its_current_and_its_temperature() -> None:
+    b = bench()
+    desk = desk_of(b)
+    assert status(desk).folds == status(desk).current_a == status(desk).temperature_c == ()
+    b.controller.deploy()
+    record = b.step_until_fold(0.5)
+    now = status(desk)
+    assert now.folds == pytest.approx(record.folds, abs=1e-5)
+    assert now.current_a == pytest.approx(record.readings.current_a, abs=1e-3)
+    assert len(now.temperature_c) == len(record.readings.current_a)
+    assert not now.takes_orders
