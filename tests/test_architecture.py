@@ -29,7 +29,18 @@ ALLOWED: dict[str, set[str]] = {
     "telemetry": {"motion", "actuators", "deploy"},
     "mav": {"motion", "actuators", "deploy", "operate", "wire", "files", "telemetry", "runtime_dir"},
     "sweep": {"profiles", "layout", "design", "motion", "files", "search"},
-    "view": {"profiles", "layout", "design", "motion", "telemetry", "deploy", "actuators", "files", "figures", "aero"},
+    "view": {
+        "profiles",
+        "layout",
+        "design",
+        "motion",
+        "telemetry",
+        "deploy",
+        "actuators",
+        "files",
+        "figures",
+        "aero",
+    },
 }
 """What each room may import, besides what all may. The command line knows them all."""
 NO_IO = ("profiles", "layout", "design", "motion", "loads")
