@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 # for them (vtk, opencv) is 750 MB.
 MAVPROXY := MAVProxy==1.8.75
 
-.PHONY: demo figures docs install firmware-tools test test-fast campaign bench lint clean
+.PHONY: demo figures docs install browser-tools firmware-tools test test-fast campaign bench lint clean
 
 demo: install
 	$(BIN)/ori-deploy demo
@@ -34,8 +34,12 @@ $(STAMP): pyproject.toml setup.py tools/generate_codecs.py ori_deploy/wire/ori_d
 test: test-fast
 	$(BIN)/python -m pytest -q -n 2 -m slow
 
-test-fast: install firmware-tools lint
+test-fast: install browser-tools firmware-tools lint
 	$(BIN)/python -m pytest -q -n 2 -m 'not slow'
+
+# Chromium, from Debian; without it the page's tests in a browser are skipped.
+browser-tools:
+	@sh tools/browser_tools.sh
 
 # Compilers and the emulator's library, from Debian; without them the firmware's tests are skipped.
 firmware-tools:
@@ -50,7 +54,7 @@ lint: install
 campaign: install firmware-tools
 	$(BIN)/python -m tests.campaign
 
-bench: install firmware-tools
+bench: install browser-tools firmware-tools
 	$(BIN)/python -m benchmarks
 
 clean:

@@ -52,6 +52,7 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
         "stow": Entry("motions", "stow", "Carry PLAN out backwards: unlatch, close."),
         "strip": Entry("strip", "strip", "Tell and draw what the antenna strip of DESIGN is."),
         "sweep": Entry("sweep", "sweep", "Make the designs of a grid, one row of a table each."),
+        "view": Entry("view", "view", "Show a design, a plan or a flight log in the browser."),
     }
 )
 

@@ -12,6 +12,7 @@ import click
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, OUT, example, warn
 from ori_deploy.cli.session import Command, Options, StoppedBy, carry_out
 from ori_deploy.cli.spanwise import span_option, tell_span
+from ori_deploy.cli.viewing import view_options, viewed, viewing
 from ori_deploy.deploy.result import MotionResult, Outcome
 
 
@@ -82,11 +83,16 @@ def _motion_command(name: Command, text: str, ends: str) -> click.Command:
         epilog=example(f"ori-deploy {name} wing.plan.json --rig examples/rig_mock.toml --log run.mcap"),
     )
     @_motion_options
+    @view_options
+    @click.option("--beyond-loopback", is_flag=True, help="Let other machines see the page of --view.")
     @span_option(name)
     def command(plan_file: Path, rig: Path, **given: Any) -> None:
-        made, results, stopped = carry_out(plan_file, rig, (name,), Options(**given))
-        _tell_end(results, stopped, ends)
-        tell_span(made, name)
+        how = viewing(given)
+        given["realtime"] |= how.wanted  # a virtual clock is done before anybody has looked
+        with viewed(plan_file, how, stays=True):
+            made, results, stopped = carry_out(plan_file, rig, (name,), Options(**given))
+            _tell_end(results, stopped, ends)
+            tell_span(made, name)
 
     return command
 

@@ -20,6 +20,7 @@ from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
 from ori_deploy.cli.steps import refuse_overwriting
+from ori_deploy.cli.viewing import view_options, viewed, viewing
 from ori_deploy.clock import Clock, MonotonicClock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.states import State
@@ -285,6 +286,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command(epilog=example("ori-deploy serve wing.plan.json --rig rig.toml --mavlink examples/mavlink.toml"))
 @_options
+@view_options
 def serve(
     plan_file: Path, rig: Path, mavlink: Path | None, links: tuple[str, ...], beyond_loopback: bool, **given: Any
 ) -> None:
@@ -292,6 +294,8 @@ def serve(
 
     Nothing is powered before the first order.
     """
+    given["beyond_loopback"] = beyond_loopback
+    how = viewing(given)
     settings = None
     if mavlink is not None or links:
         from ori_deploy.mav.settings import Settings, load_settings, with_links
@@ -299,4 +303,5 @@ def serve(
         settings = Settings(links=()) if mavlink is None else load_settings(mavlink)
         if links:
             settings = with_links(settings, links, beyond_loopback)
-    serve_orders(plan_file, rig, settings, Serving(**given))
+    with viewed(plan_file, how):
+        serve_orders(plan_file, rig, settings, Serving(**given))
