@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks import control, dynamixel, geometry, layouts, mavlink, mcu, realtime, recording, search
+from benchmarks import control, dynamixel, geometry, layouts, mavlink, mcu, page, realtime, recording, search
 
 geometry.main()
 control.main()
@@ -13,3 +13,4 @@ dynamixel.main()
 mcu.main()
 layouts.main()
 search.main()
+page.main()
