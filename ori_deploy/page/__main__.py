@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import select
 import socket
 import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +28,8 @@ from ori_deploy.page.sources import design_with
 from ori_deploy.runtime_dir import runtime_dir
 
 _LINGERS_S = 600.0
-_GENTLE = 5
-"""Niceness: the loop goes first."""
+_TURN_S = 1e-3
+"""How long one thread may keep the others waiting: a stop comes in by one, and poses are worked out in another."""
 
 
 def main(words: list[str]) -> int:
@@ -39,8 +37,7 @@ def main(words: list[str]) -> int:
     logging.basicConfig(level=logging.CRITICAL)
     end = socket.socket(fileno=int(words[0]))
     how: dict[str, Any] = json.loads(words[1])
-    with suppress(OSError):
-        os.nice(_GENTLE)
+    sys.setswitchinterval(_TURN_S)
     try:
         channel, live, address = _page(how)
     except (OriDeployError, OSError) as wrong:

@@ -26,7 +26,7 @@ PLAIN_JS = """<script>
   };
   const url = new URL(location.href);
   if (url.searchParams.has("fixedDpr")) return;
-  url.searchParams.set("fixedDpr", "0.6");
+  url.searchParams.set("fixedDpr", "0.5");
   history.replaceState(null, "", url);
 })();
 </script>
