@@ -26,6 +26,7 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
     {
         "aircraft": Entry("aircraft", "aircraft", "Print polar, trim, stability, endurance of an aircraft."),
         "bus": Entry("bus", "bus", "Find, name, calibrate and watch single Dynamixel servos."),
+        "clear-fault": Entry("operate", "clear_fault", "Have a controller that serves forget its fault."),
         "demo": Entry("demo", "demo", "Design, plan, deploy and stow a simulated wing; report."),
         "deploy": Entry("motions", "deploy", "Carry PLAN out: unlock, open, latch."),
         "design": Entry("making", "design", "Build the structure that SPEC describes, or the best near it."),

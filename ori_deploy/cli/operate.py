@@ -27,6 +27,7 @@ _REST = {
     Do.RESUME: frozenset({State.DEPLOYED, State.STOWED}),
     Do.STOP: frozenset({State.ARMED}),
     Do.ESTOP: frozenset({State.FAULT}),
+    Do.CLEAR_FAULT: frozenset({State.ARMED, State.READY, State.DISCONNECTED}),
 }
 """Where each command means to come to rest."""
 
@@ -76,7 +77,9 @@ def status(pid: int | None, port: str | None, as_json: bool, watch: bool) -> Non
 
 
 def _command(do: Do, text: str) -> click.Command:
-    @click.command(str(do), help=text, epilog=example(f"ori-deploy {do} --wait"))
+    name = str(do).replace("_", "-")
+
+    @click.command(name, help=text, epilog=example(f"ori-deploy {name} --wait"))
     @_which_options
     @click.option("--wait", is_flag=True, help="Until the structure is at rest; status 1 if not as was meant.")
     def command(pid: int | None, port: str | None, as_json: bool, wait: bool) -> None:
@@ -109,6 +112,10 @@ estop = _command(
     Do.ESTOP,
     "Bring a running motion to rest along its path as fast as can be, as a fault; hinges go on holding. Its session "
     "ends with status 1.",
+)
+clear_fault = _command(
+    Do.CLEAR_FAULT,
+    "Have a controller that takes orders (`serve`) forget its fault, once at rest; nothing moves.",
 )
 
 

@@ -199,10 +199,10 @@ class _Loop:
 
     def run(self) -> None:
         """Until a signal, and until what is under way then has come to rest."""
-        told = False
-        while not self.stop.requested or self.controller.under_way:
-            if self.stop.requested and self.controller.state in (State.MOVING, State.LATCHING):
-                self.controller.stop()
+        told = told_fault = False
+        while not self.stop.requested or self.controller.under_way or self.controller.state is State.HOLD:
+            if self.stop.requested and self.controller.state in (State.MOVING, State.LATCHING, State.HOLD):
+                self.controller.stop()  # what is held is given up, too, and says so
             was_running = self.orders.running
             if not self.stop.requested:
                 self.socket.poll()
@@ -212,6 +212,7 @@ class _Loop:
                 self.live.begin("order")
             self._cycle()
             told = self._tell_held(told)
+            told_fault = self._tell_fault(told_fault)
 
     def _cycle(self) -> None:
         result = self.orders.step()
@@ -228,6 +229,16 @@ class _Loop:
         if held and not told:
             _say("held: another order goes on or turns round; `ori-deploy stop` gives it up")
         return held
+
+    def _tell_fault(self, told: bool) -> bool:
+        """What leads on from a fault: here the session does not end with it."""
+        faulted = self.controller.fault is not None and not self.controller.under_way
+        if faulted and not told:
+            by = "" if self.network is None else " or `ori-deploy gcs clear-fault`"
+            _say(
+                f"a fault is latched: see to its cause, then `ori-deploy clear-fault`{by}; then give the order again"
+            )
+        return faulted
 
 
 def _say(text: str) -> None:

@@ -243,3 +243,23 @@ def test_the_loop_dies_and_nobody_speaks_for_it(plan: Path, tmp_path: Path) -> N
         with pytest.raises(NoAnswer, match="fell silent"):
             verdict.result(60.0)
         assert not speaker.exists()
+
+
+@pytest.mark.slow
+def test_a_fault_says_what_leads_on_and_what_is_held_is_given_up_at_the_end(plan: Path, tmp_path: Path) -> None:
+    with serving(plan, tmp_path, deploy_when="always") as served:
+        slow_down(served)
+        verdict = meanwhile(lambda station: station.deploy(), served)
+        served.until(moving)
+        pid = served.process.pid
+        assert asked("estop", "--pid", pid, "--wait", cwd=tmp_path).returncode == 0
+        assert verdict.result(60.0).result is Result.FAILED
+        served.process.until("`ori-deploy clear-fault` or `ori-deploy gcs clear-fault`")
+        cleared = answer("clear-fault", "--pid", pid, cwd=tmp_path)
+        assert (cleared["took"], cleared["fault"], cleared["state"]) == (True, None, "armed")
+        meanwhile(lambda station: station.deploy(), served)
+        served.until(moving)
+        assert asked("pause", "--pid", pid, "--wait", cwd=tmp_path).returncode == 0
+        os.kill(pid, signal.SIGINT)
+        status, out, _ = served.process.end()
+        assert (status, "deploy: stopped" in out) == (0, True), out
