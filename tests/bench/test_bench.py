@@ -41,6 +41,7 @@ def test_damage_in_a_broadcast_is_tracked_down_to_an_id() -> None:
             find_all(scripted.line, (1_000_000,))
 
 
+@pytest.mark.slow
 def test_a_servo_that_a_broadcast_missed_is_found_by_asking_it() -> None:
     def answer(request: bytes) -> bytes:
         return damaged(pong(2)) if request[4] == BROADCAST else pong(2) if request[4] == 2 else b""

@@ -77,6 +77,7 @@ def test_stow_starts_deployed_and_ends_stowed(made: Path) -> None:
     assert "state stowed" in done.stdout
 
 
+@pytest.mark.slow
 def test_explicit_rig_drives_the_same_wing(made: Path, tmp_path: Path) -> None:
     rig = EXAMPLES / "rig_wing_explicit.toml"
     assert run("plan", made / "wing.design.json", "--rig", rig, "-o", "x.plan.json", cwd=tmp_path).returncode == 0
@@ -199,6 +200,7 @@ def test_interruption_brings_it_to_rest_and_keeps_the_log(made: Path, tmp_path: 
     assert "stopped" in (tmp_path / "cut.html").read_text().lower()
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_does_not_end_the_motion(made: Path, tmp_path: Path) -> None:
     words = f"{sys.executable} -m ori_deploy.cli deploy {made / 'wing.plan.json'} --rig {EXAMPLES / 'rig_mock.toml'}"
     subprocess.run(f"{words} --log pipe.mcap | head -n 1", shell=True, cwd=tmp_path, check=True, timeout=60)
@@ -206,6 +208,7 @@ def test_a_closed_pipe_does_not_end_the_motion(made: Path, tmp_path: Path) -> No
     assert "Deployed with every latch confirmed" in (tmp_path / "pipe.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_full_disk_behind_the_output_does_not_end_the_motion(made: Path, tmp_path: Path) -> None:
     words = f"{sys.executable} -m ori_deploy.cli deploy {made / 'wing.plan.json'} --rig {EXAMPLES / 'rig_mock.toml'}"
     subprocess.run(f"{words} --log full.mcap > /dev/full", shell=True, cwd=tmp_path, check=False, timeout=60)

@@ -130,6 +130,7 @@ def test_deployed_is_where_the_plan_ends(plan: Path, rig: Path, tmp_path: Path) 
         assert all(servo.torque_on for servo in bus.truth().values())  # at_close = "hold"
 
 
+@pytest.mark.slow
 def test_what_is_deployed_already_is_told_so_and_left_alone(plan: Path, rig: Path, tmp_path: Path) -> None:
     with virtual(plan, tmp_path, "deployed", rig) as bus:
         words = (plan, "--rig", rig, "--port", tmp_path / "ttyDXL", "--log", "again.mcap")

@@ -69,6 +69,7 @@ def rig_with(folder: Path, **controller: float) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_log_replays_by_itself(log: Path, tmp_path: Path) -> None:
     status, told = replayed(log, cwd=tmp_path)
     assert (status, told["same"], told["differences"], told["ends_early"]) == (0, True, [], None)

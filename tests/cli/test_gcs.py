@@ -39,6 +39,7 @@ def ended(done: Done, status: int, words: str) -> None:
     assert (done.exit_code, said[-1:]) == (status, [words]), done.output
 
 
+@pytest.mark.slow
 def test_what_nobody_vouches_for_is_refused(served: Served) -> None:
     told = document(gcs(served, "status", "--json"))
     assert (told["state"], told["locked"], told["may_fold"], told["may_deploy"]) == ("ready", False, False, False)
@@ -51,6 +52,7 @@ def test_what_nobody_vouches_for_is_refused(served: Served) -> None:
     assert document(gcs(served, "status", "--json"))["state"] == "ready"
 
 
+@pytest.mark.slow
 def test_deployed_refused_in_the_air_and_folded_on_the_ground(served: Served) -> None:
     with Autopilot(served.port) as autopilot:
         served.until(lambda told: told.may_fold and told.may_deploy)
@@ -92,6 +94,7 @@ def test_parameters_are_listed_set_and_bounded(served: Served) -> None:
     is_one_line(wrong, "not a change", "NAME=VALUE")
 
 
+@pytest.mark.slow
 def test_the_monitor_tells_line_by_line_for_so_long(served: Served) -> None:
     lines = gcs(served, "monitor", "--seconds", 1).stdout.splitlines()
     assert lines
@@ -102,6 +105,7 @@ def test_the_monitor_tells_line_by_line_for_so_long(served: Served) -> None:
     assert any("state" in one for one in documents)
 
 
+@pytest.mark.slow
 def test_an_address_without_a_structure_is_told_from_one_that_cannot_be(tmp_path: Path) -> None:
     nobody = f"udpout:127.0.0.1:{free_port()}"
     done = command("gcs", "status", "--link", nobody)

@@ -38,6 +38,7 @@ def stand_in(served: Served) -> Iterator[None]:
             autopilot.kill()
 
 
+@pytest.mark.slow
 def test_nobody_there_is_no_go() -> None:
     done = script("preflight_deploy", f"udpout:127.0.0.1:{free_port()}")
     assert (done.returncode, done.stderr) == (1, "")
@@ -63,6 +64,7 @@ def test_ctrl_c_ends_the_stand_in_without_a_word() -> None:
     assert (autopilot.returncode, error) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("bench_cycles", 1), ("plot_telemetry", "deploy", "never.png")])
 def test_a_script_that_hears_nobody_says_so_and_ends(words: tuple[str, object]) -> None:
     name, *rest = words

@@ -224,6 +224,7 @@ def test_the_doctor_says_what_is_wrong_with_a_board(made: Path, tmp_path: Path) 
         assert run(*words, *plan, cwd=tmp_path).returncode == 1
 
 
+@pytest.mark.slow
 def test_the_doctor_says_what_is_at_a_port_that_nobody_told_it_of(made: Path, tmp_path: Path) -> None:
     with board(made, tmp_path) as one:
         words = ("doctor", "--port", tmp_path / "ttyMCU", "--json")
@@ -240,6 +241,7 @@ def test_the_doctor_says_what_is_at_a_port_that_nobody_told_it_of(made: Path, tm
         assert "ori-deploy mcu clear-fault" in fault["remedy"]
 
 
+@pytest.mark.slow
 def test_servos_without_feedback_are_asked_for_in_the_words_of_the_command(made: Path, tmp_path: Path) -> None:
     text = (made / "rig.toml").read_text()
     lines = [line for line in text.splitlines() if not line.startswith("feedback_")]

@@ -88,6 +88,7 @@ def answer(*words: object, cwd: Path) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.slow
 def test_pause_status_resume_deployed(plan: Path, runtime_folder: Path, tmp_path: Path) -> None:
     with session(tmp_path, "deploy", plan, "--rig", plan.with_name(RIG), "--realtime") as running:
         running.until("-> moving")

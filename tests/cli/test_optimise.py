@@ -145,6 +145,7 @@ def test_the_smallest_box(tmp_path: Path) -> None:
     assert ratios[1] > 1.3 * ratios[0]
 
 
+@pytest.mark.slow
 def test_every_layout_of_so_many_cells(tmp_path: Path) -> None:
     path = spec(tmp_path, wall=0.01)
     words = ("--optimize", "--cells", "3", "--search-layouts", "--starts", "2", "--workers", "1")
@@ -260,6 +261,7 @@ def test_cones_have_no_box_to_make_small(tmp_path: Path) -> None:
 SMALL = 'kind = "ellipse"\na_m = 0.1\nb_m = 0.06'
 
 
+@pytest.mark.slow
 def test_a_pin_that_some_start_can_hold_is_not_refused(tmp_path: Path) -> None:
     """From the places given, a sixth of a turn away, the spar's ends are on one skin."""
     found = []

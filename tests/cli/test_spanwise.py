@@ -50,6 +50,7 @@ def test_deploy_waits_for_the_word_and_stow_gives_it(made: Path) -> None:
     assert "the span can be folded now, by hand, at hinges h1, h2" in done.stdout
 
 
+@pytest.mark.slow
 def test_poses_of_all_segments(made: Path) -> None:
     done = run("poses", "wing.design.json", "--fold", "0", "--span-fold", "1", "--json", cwd=made)
     panels = json.loads(done.stdout)

@@ -75,6 +75,7 @@ def gone(pids: set[int]) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_every_row_has_its_place_in_the_grid_and_a_second_run_has_nothing_to_do(tmp_path: Path) -> None:
     done = run(SPEC, "-o", "a.parquet", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -181,6 +182,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert {p.name for p in tmp_path.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_the_first_reason_is_told_when_designs_cannot_be_built(tmp_path: Path) -> None:
     (tmp_path / "g.toml").write_text('schema = "ori-deploy/sweep/1"\n[grid]\n"structure.wall_m" = [0.001, 0.04]\n')
     done = run(SPEC, "--grid", "g.toml", "-o", "a.parquet", "--workers", "1", cwd=tmp_path)

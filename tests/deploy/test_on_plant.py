@@ -73,6 +73,7 @@ class OnPlant:
         return np.asarray(world.angles[:, CLOSE_A] / world.model.linkage.four_bars.deployed[:, CLOSE_A])
 
 
+@pytest.mark.slow
 def test_the_wing_deploys_against_weight_and_film_and_stows_again() -> None:
     on = OnPlant(latch=[PIN, LOCK])
     result = on.deploy()

@@ -300,6 +300,7 @@ def test_latches_that_confirm_make_a_good_deployment_whatever_touched(stops: dic
     assert result.state is State.DEPLOYED
 
 
+@pytest.mark.slow
 @few
 @given(cell=st.integers(0, N - 1), depth=st.floats(0.0, 0.095), drive=st.sampled_from(DRIVES))
 def test_a_stop_anywhere_in_the_seating_succeeds_or_is_named(cell: int, depth: float, drive: tuple[str, int]) -> None:

@@ -40,6 +40,7 @@ def test_a_thick_wall_has_a_maximum_and_the_row_ends_at_the_dead_centre() -> Non
     assert "dead-centre margin" in row.ended_by
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ellipse_only")
 def test_a_wall_costs_packaging_and_more_so_with_more_cells() -> None:
     points, _ = wall_points((0.0, 0.01), 5, starts=1)

@@ -44,6 +44,7 @@ def test_no_pose_of_a_way_clashes_by_the_oracle_either(start: list[float]) -> No
             assert clash(placed(TOLD, list(fold), SLITS, 120)).depth < 1.3 * WING.allowed_m
 
 
+@pytest.mark.slow
 def test_a_straight_way_that_is_blocked_is_gone_round() -> None:
     """With this slit the wing's panels meet in step at fold 0.76, and not one cell after the other."""
     check = Interference(Mechanism(wing(slit="O1")))
@@ -124,6 +125,7 @@ def test_what_touches_at_a_slit_parts_and_gets_no_deeper_by_the_oracle(name: str
 SUPER = "superellipse 6, m = 1.5"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "cell", "by", "target", "panels"),
     [

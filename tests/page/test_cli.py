@@ -17,6 +17,7 @@ def words(*told: object) -> list[str]:
     return [str(word) for word in told]
 
 
+@pytest.mark.slow
 def test_other_machines_are_let_in_on_purpose_only(made: Path) -> None:
     refused = CliRunner().invoke(main, words("view", made / "wing.design.json", "--host", "0.0.0.0"))
     assert refused.exit_code == 2

@@ -139,6 +139,7 @@ def test_reboot_takes_torque_off_and_leaves_the_shaft() -> None:
     np.testing.assert_allclose(bus.true_shaft_rad - start, [-0.2, -0.2, 0.0, -0.2], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_heat_is_measured_trips_cools_and_cannot_be_cleared_while_hot() -> None:
     bus, clock = make()
     bus.overheat("servo_c1", 90.0)

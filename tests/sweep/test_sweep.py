@@ -355,6 +355,7 @@ def test_nothing_is_lost_when_workers_end_and_the_guilty_are_named(tmp_path: Pat
     assert again.reused == len(walls)
 
 
+@pytest.mark.slow
 def test_a_stopped_sweep_keeps_what_is_done_and_goes_on_from_there(tmp_path: Path) -> None:
     path, walls = tmp_path / "a.parquet", [0.0015, *(0.0001 * k for k in range(1, 10))]
     seen: list[str] = []

@@ -239,6 +239,7 @@ with recorded(Path(sys.argv[1]), plan, synthetic_rig(plan), MonotonicClock()) as
 """
 
 
+@pytest.mark.slow
 def test_killing_the_loop_leaves_a_log_that_is_whole_up_to_the_last_moment(path: Path) -> None:
     command = [sys.executable, "-c", LOOP, str(path)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as loop:

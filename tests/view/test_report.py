@@ -171,6 +171,7 @@ def test_a_page_that_mixes_two_runs_is_not_headed_by_the_good_news_of_one(wing_p
     assert "The log by itself, of another design or plan: Deployed with every latch confirmed" in page.verdict
 
 
+@pytest.mark.slow
 def test_page_of_a_span_in_segments_shows_how_it_is_stowed(wing: Structure, wing_plan: Plan) -> None:
     folding = SpanFolding(Mechanism(wing), 1.26, 3)
     stage = plan_span(folding, 1.0, 2.0, 100.0)

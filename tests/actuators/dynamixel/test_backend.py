@@ -218,6 +218,7 @@ def test_a_current_limit_makes_a_blocked_servo_give_way(tmp_path: Path) -> None:
 # -- watchdog ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_silence_stops_every_servo_and_is_a_typed_fault_that_clearing_ends(tmp_path: Path) -> None:
     slow = {"profile_velocity_rad_s": 0.5}
     with servos(tmp_path, watchdog_s=0.08, **slow) as setup:
@@ -253,6 +254,7 @@ def test_closing_leaves_servos_holding_without_a_watchdog(tmp_path: Path) -> Non
         assert all(setup.virtual.truth()[i].torque_on for i in (1, 2, 3))
 
 
+@pytest.mark.slow
 def test_a_host_that_comes_back_does_not_let_stopped_servos_go_on(tmp_path: Path) -> None:
     """Their goal is still where the dead host wanted them; clearing the watchdog must not send them there."""
     with servos(tmp_path, watchdog_s=0.08, profile_velocity_rad_s=0.5) as setup:
