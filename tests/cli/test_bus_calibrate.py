@@ -216,14 +216,17 @@ def test_a_hinge_without_a_stop_is_given_up_and_nothing_is_written(wing: Wing, t
 
 
 @pytest.mark.parametrize(
-    ("spoil", "says"),
+    ("spoil", "says", "status"),
     [
-        (lambda bus: bus.heat(4, 76.0), "too hot"),
-        (lambda bus: bus.sag(2.0), "supply too low"),
-        (lambda bus: bus.fail(4, 0x20), "overload"),
+        # Found at the first look under way, when torque is on; a servo's own error is found before.
+        (lambda bus: bus.heat(4, 76.0), "too hot", 1),
+        (lambda bus: bus.sag(2.0), "supply too low", 1),
+        (lambda bus: bus.fail(4, 0x20), "overload", 3),
     ],
 )
-def test_a_servo_that_is_not_well_is_not_pushed(wing: Wing, tmp_path: Path, spoil: object, says: str) -> None:
+def test_a_servo_that_is_not_well_is_not_pushed(
+    wing: Wing, tmp_path: Path, spoil: object, says: str, status: int
+) -> None:
     rig = wrong_rig(tmp_path)
     before = rig.read_text()
     assert callable(spoil)
@@ -232,7 +235,7 @@ def test_a_servo_that_is_not_well_is_not_pushed(wing: Wing, tmp_path: Path, spoi
         spoil(bus)
         given_up = calibrate(wing, rig, bus, "--hinge", "c4", "--stop", "closing", "--yes")
         assert restored(bus, found)
-    assert given_up.exit_code == 3
+    assert given_up.exit_code == status
     is_one_line(given_up, says, "remedy: ")
     assert untouched(rig, before)
 

@@ -31,7 +31,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_deploy_waits_for_the_word_and_stow_gives_it(made: Path) -> None:
     refused = run("deploy", "wing.plan.json", "--rig", RIG, "--log", "none.mcap", cwd=made)
-    assert refused.returncode == 2
+    assert refused.returncode == 3
     assert len(refused.stderr.strip().splitlines()) == 1
     assert "span may still be folded" in refused.stderr
     assert "--span-unfolded" in refused.stderr
