@@ -117,8 +117,8 @@ class Job:
         When it was asked for.
     taken
         Whether the loop said that it began.
-    cancelled
-        Whether somebody took it back.
+    cancelled_s
+        When its taking back was passed on last.
     told
         Percent that was told last, and when.
     """
@@ -130,7 +130,7 @@ class Job:
     askers: dict[Asker, Peer] = field(default_factory=dict)
     since_s: dict[Asker, float] = field(default_factory=dict)
     taken: bool = False
-    cancelled: bool = False
+    cancelled_s: float = -math.inf
     told: tuple[int, float] = (-1, -math.inf)
 
 
@@ -203,9 +203,9 @@ class Commands:
             return
         for job in tuple(self._jobs.values()):
             if job.work in (Work.DEPLOY, Work.FOLD) and any(asker.command == command for asker in job.askers):
-                if not job.cancelled:
+                if now - job.cancelled_s > SAME_ANSWER_S:  # again, if the first time the loop could not
+                    job.cancelled_s = now
                     self._ask(Ask(self._token(), str(Work.STOP), f"system {heard.system}", False, now))
-                job.cancelled = True
                 return
         for asker in reversed(self._answers):
             if (asker.system, asker.component, asker.command) == (heard.system, heard.component, command):
@@ -254,7 +254,7 @@ class Commands:
         motion = self.motion
         if motion is None or motion.token != ended.token:
             return
-        self._end(motion, _verdict(ended.outcome, motion), now)
+        self._end(motion, _verdict(ended.outcome), now)
 
     def tick(self, now: float) -> None:
         """Give up on a loop that does not answer."""
@@ -395,10 +395,10 @@ def refusal(reason: int) -> Verdict:
     return Verdict(dialect.MAV_RESULT_DENIED if reason in _NEVER else dialect.MAV_RESULT_FAILED, reason)
 
 
-def _verdict(outcome: str, job: Job) -> Verdict:
+def _verdict(outcome: str) -> Verdict:
     if outcome == "succeeded":
         return Verdict(dialect.MAV_RESULT_ACCEPTED)
-    if outcome == "stopped" or job.cancelled:
+    if outcome == "stopped":
         return Verdict(dialect.MAV_RESULT_CANCELLED, dialect.ORI_REASON_STOPPED)
     return Verdict(dialect.MAV_RESULT_FAILED, dialect.ORI_REASON_FAULT)
 

@@ -332,6 +332,33 @@ def test_a_cancelled_command_says_so() -> None:
     assert w.answers() == [(CANCELLED, dialect.ORI_REASON_STOPPED)]
 
 
+def test_a_fault_on_the_way_to_rest_is_not_hidden_behind_a_cancel() -> None:
+    w = world()
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.2)
+    w.hear(dialect.MAVLink_command_cancel_message(1, 140, DEPLOY))
+    w.cycle()
+    w.bench.controller.emergency_stop("a test")
+    w.run(1.0)
+    assert w.answers() == [(FAILED, dialect.ORI_REASON_FAULT)]
+
+
+def test_a_cancel_that_the_loop_could_not_carry_out_is_passed_on_again() -> None:
+    w = world()
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING)
+    w.hear(dialect.MAVLink_command_cancel_message(1, 140, DEPLOY))
+    w.to_loop.clear()  # it never gets there
+    w.run(0.3)
+    assert w.state is State.MOVING
+    w.hear(dialect.MAVLink_command_cancel_message(1, 140, DEPLOY))
+    w.until(lambda: w.state is State.ARMED)
+    w.run(0.3)
+    assert w.answers() == [(CANCELLED, dialect.ORI_REASON_STOPPED)]
+
+
 def test_a_stranger_cancels_nothing() -> None:
     w = world()
     w.run(0.1)
