@@ -13,26 +13,16 @@ import pytest
 
 from sim_backends.dynamixel.from_rig import spec_for_files
 from sim_backends.dynamixel.launcher import VirtualBus
-from tests.cli.inside import run
 from tests.cli.test_operate import answer, asked, session
+from tests.cli.virtual import patient_wing
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("runtime_folder")]
 
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plan, and beside it a rig with patience: the machine that runs the tests has other things to do as well."""
-    made = tmp_path_factory.mktemp("operated_servos")
-    text = (EXAMPLES / "rig_wing_dynamixel.toml").read_text()
-    text = text.replace("watchdog_s = 0.08 ", "reply_slack_s = 0.03\nwatchdog_s = 0.5 ")
-    (made / "rig.toml").write_text(text.replace("[controller]\n", "[controller]\nlost_replies_allowed = 5\n"))
-    assert run("design", EXAMPLES / "wing_naca2412.toml", "-o", "w.design.json", cwd=made).returncode == 0
-    done = run("plan", "w.design.json", "--rig", "rig.toml", "-o", "w.plan.json", cwd=made)
-    assert done.returncode == 0, done.stderr
-    return made / "w.plan.json"
+    return patient_wing(tmp_path_factory.mktemp("operated_servos"), slack_s=0.03, watchdog_s=0.5, lost=5)
 
 
 @pytest.fixture

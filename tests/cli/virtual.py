@@ -15,8 +15,10 @@ from click.testing import CliRunner, Result
 
 from ori_deploy.cli import main
 from sim_backends.dynamixel_bus import BusSpec, ServoSpec, VirtualBus
+from tests.cli.inside import run
 
 BAUD = 1_000_000
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def virtual_bus(folder: Path, *servos: ServoSpec, **words: Any) -> VirtualBus:
@@ -90,3 +92,22 @@ class Running:
         """Wait for its end; exit status, standard output and errors."""
         out, err = self._process.communicate(timeout=60.0)
         return self._process.returncode, out, err
+
+
+def patient_wing(folder: Path, *, slack_s: float, watchdog_s: float, lost: int) -> Path:
+    """A plan of the example wing in `folder`, and beside it `rig.toml`, which is patient.
+
+    The machine that runs the tests has other things to do as well.
+    """
+    text = (EXAMPLES / "rig_wing_dynamixel.toml").read_text()
+    for before, after in (
+        ("watchdog_s = 0.08 ", f"reply_slack_s = {slack_s}\nwatchdog_s = {watchdog_s} "),
+        ("[controller]\n", f"[controller]\nlost_replies_allowed = {lost}\n"),
+    ):
+        assert before in text
+        text = text.replace(before, after)
+    (folder / "rig.toml").write_text(text)
+    assert run("design", EXAMPLES / "wing_naca2412.toml", "-o", "w.design.json", cwd=folder).returncode == 0
+    done = run("plan", "w.design.json", "--rig", "rig.toml", "-o", "w.plan.json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "w.plan.json"

@@ -22,12 +22,12 @@ from sim_backends.dynamixel.from_rig import spec_for_files
 from sim_backends.dynamixel.launcher import VirtualBus
 from tests.cli.inside import run
 from tests.cli.test_operate import Session, session
+from tests.cli.virtual import patient_wing
 from tests.mav.stations import Autopilot, MavProxy, MavsdkStation, free_port
 from tests.mav.test_fuzz import frames
 from tests.mav.world import command
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
 USER_1 = dialect.MAV_CMD_USER_1
 DEPLOY, FOLD, STOP = 1, 2, 3
 ACCEPTED, REJECTED, DENIED, CANCELLED = 0, 1, 2, 6
@@ -37,15 +37,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("runtime_folder")]
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plan, and beside it a rig with patience: the machine that runs the tests has other things to do as well."""
-    made = tmp_path_factory.mktemp("third_party")
-    text = (EXAMPLES / "rig_wing_dynamixel.toml").read_text()
-    text = text.replace("watchdog_s = 0.08 ", "reply_slack_s = 0.05\nwatchdog_s = 0.8 ")
-    (made / "rig.toml").write_text(text.replace("[controller]\n", "[controller]\nlost_replies_allowed = 10\n"))
-    assert run("design", EXAMPLES / "wing_naca2412.toml", "-o", "w.design.json", cwd=made).returncode == 0
-    done = run("plan", "w.design.json", "--rig", "rig.toml", "-o", "w.plan.json", cwd=made)
-    assert done.returncode == 0, done.stderr
-    return made / "w.plan.json"
+    return patient_wing(tmp_path_factory.mktemp("third_party"), slack_s=0.05, watchdog_s=0.8, lost=10)
 
 
 @dataclass
