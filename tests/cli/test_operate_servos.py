@@ -16,7 +16,6 @@ from sim_backends.dynamixel.launcher import VirtualBus
 from tests.cli.test_operate import answer, asked, session
 from tests.cli.virtual import patient_wing
 
-
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("runtime_folder")]
 
 
