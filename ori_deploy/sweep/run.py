@@ -15,7 +15,7 @@ from ori_deploy.sweep.store import Store
 _POLL_S = 0.2
 
 _WRITING = 20.0
-"""Rows wait to be written for this many times as long as writing took: a twentieth of the time goes into it."""
+"""Rows wait to be written for this many times as long as writing takes: a twentieth of the time goes into it."""
 
 _LONGEST_S = 1.0
 """But no longer than this while writing is quick: what a killed sweep can lose."""
@@ -58,6 +58,7 @@ class Sweep:
     lost_workers: int = 0
     stopped: bool = False
     _due: float = 0.0
+    _spent_s: float = 0.0
 
     def carry_out(self, jobs: Iterable[Job]) -> None:
         """Run all jobs that the store has no row of.
@@ -187,7 +188,9 @@ class Sweep:
         if now >= self._due:
             self.store.flush()
             spent = time.monotonic() - now
-            self._due = now + max(_LONGEST_S, _WRITING * spent)
+            # One slow write (the first loads a library) says nothing of the next: two in a row do.
+            self._due = now + max(_LONGEST_S, _WRITING * min(spent, self._spent_s))
+            self._spent_s = spent
 
 
 def _told(error: BaseException) -> str:

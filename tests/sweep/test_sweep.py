@@ -16,8 +16,10 @@ import tomllib
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -27,7 +29,7 @@ from hypothesis import strategies as st
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import Spec
 from ori_deploy.layout import PlaneTree, layouts, slit_choices
-from ori_deploy.sweep import Cluster, Grid, Job, Processes, Store, Sweep, jobs_of, parse_grid, run_job
+from ori_deploy.sweep import Cluster, Grid, Job, Processes, Store, Sweep, jobs_of, parse_grid, run, run_job
 from ori_deploy.sweep.grid import set_key
 from ori_deploy.sweep.job import FAILED, FOUND, INFEASIBLE
 from tests.sweep.breaking import breaking
@@ -380,6 +382,27 @@ def test_rows_land_while_the_sweep_goes_on(tmp_path: Path) -> None:
 
     assert swept(path, [0.0015, 0.0001, 0.0002, 0.0003], stop=stop).stopped
     assert landed[-1] == 3
+
+
+def test_one_slow_write_does_not_keep_rows_from_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first write loads a library; were the next put off for twenty times that, all of it could be lost."""
+    now, took, writes = 0.0, iter([2.0, 0.01, 0.4, 0.4, 0.01]), []
+
+    class Slow:
+        def flush(self) -> None:
+            nonlocal now
+            now += next(took, 0.0)
+            writes.append(now)
+
+    monkeypatch.setattr(run, "time", SimpleNamespace(monotonic=lambda: now))
+    under_way = Sweep(Slow(), Processes(1))  # type: ignore[arg-type]
+    while len(writes) < 6:
+        now += 0.1
+        under_way._flush()
+    pauses = np.diff(writes)
+    assert (pauses[[0, 1, 2]] < 2.0).all()
+    assert 7.5 < pauses[3] < 8.0  # two slow ones in a row are how it is
+    assert pauses[4] < 2.0
 
 
 # --- a cluster --------------------------------------------------------------------------------------------
