@@ -25,7 +25,7 @@ from ori_deploy.page.content import content_of
 from ori_deploy.page.placing import Mover
 from ori_deploy.page.viewer import eye_of
 from tests.page.browser import CHROMIUM, DESKTOP, PHONE, Command, browser, opened, press, state_is, under_control
-from tests.page.conftest import RIG
+from tests.page.conftest import RIG, ServoWing
 
 pytestmark = [
     pytest.mark.slow,
@@ -148,9 +148,11 @@ def test_a_flight_is_played_again(made: Path, tmp_path: Path, chromium: Browser)
         page.close()
 
 
-def test_deployed_watched_and_stopped_from_the_keyboard(made: Path, tmp_path: Path, chromium: Browser) -> None:
-    words = ("serve", made / "wing.plan.json", "--rig", RIG, "--view", "--view-port", 0)
-    with Command(*words, cwd=tmp_path) as served:
+def test_deployed_watched_and_stopped_from_the_keyboard(
+    servo_wing: ServoWing, tmp_path: Path, chromium: Browser
+) -> None:
+    stowed = servo_wing.shafts()
+    with Command(*servo_wing.serving, cwd=tmp_path) as served:
         page, other = opened(chromium, served.address), opened(chromium, served.address, PHONE)
         state_is(page, "ready")
         for one, size in ((page, DESKTOP), (other, PHONE)):
@@ -161,6 +163,7 @@ def test_deployed_watched_and_stopped_from_the_keyboard(made: Path, tmp_path: Pa
             assert box["x"] + box["width"] <= size["width"]
         assert page.locator("#ori button", has_text="Arm").is_disabled()  # looking gives no control
         under_control(page)
+        assert servo_wing.shafts() == pytest.approx(stowed, abs=1e-3)  # armed is not moved
         other.wait_for_function("document.getElementById('ori-control').title === 'Somebody else commands'")
         assert other.locator("#ori button", has_text="Deploy").is_disabled()
         press(page, "Deploy")
@@ -169,10 +172,15 @@ def test_deployed_watched_and_stopped_from_the_keyboard(made: Path, tmp_path: Pa
         assert "hold" in state_is(page, "hold")
         press(page, "Resume")
         state_is(page, "moving")
+        while servo_wing.shafts() == pytest.approx(stowed, abs=0.1):
+            page.wait_for_timeout(50.0)
         other.keyboard.press("Space")  # everybody may stop
         state_is(page, "fault")
         assert "emergency_stop" in page.inner_text("#ori-alarm")
         assert (status_of(served).fold or 0.0) < 1.0
+        rest = servo_wing.shafts()
+        page.wait_for_timeout(500.0)
+        assert servo_wing.shafts() == pytest.approx(rest, abs=2e-3)
         other.wait_for_selector("#ori >> text=Take control")
         press(other, "Take control")
         other.wait_for_selector("#ori >> text=Give control")
@@ -183,10 +191,9 @@ def test_deployed_watched_and_stopped_from_the_keyboard(made: Path, tmp_path: Pa
 
 
 def test_its_loss_stops_no_motion_and_starts_none_and_it_connects_again(
-    made: Path, tmp_path: Path, chromium: Browser
+    servo_wing: ServoWing, tmp_path: Path, chromium: Browser
 ) -> None:
-    words = ("serve", made / "wing.plan.json", "--rig", RIG, "--view", "--view-port", 0)
-    with Command(*words, cwd=tmp_path) as served:
+    with Command(*servo_wing.serving, cwd=tmp_path) as served:
         page = opened(chromium, served.address)
         under_control(page)
         press(page, "Deploy")
@@ -201,10 +208,12 @@ def test_its_loss_stops_no_motion_and_starts_none_and_it_connects_again(
         assert again.inner_text("#ori-control") == "Take control"  # who left gave it back
         press(again, "Take control")
         again.wait_for_selector("#ori >> text=Give control")
+        deployed = servo_wing.shafts()
         again.evaluate("window.__ori.close()")
         again.wait_for_selector("#ori >> text=not connected")
         again.wait_for_selector("#ori >> text=Give control")
         assert status_of(served).state == "deployed"
+        assert servo_wing.shafts() == pytest.approx(deployed, abs=2e-3)
         again.close()
 
 
