@@ -67,7 +67,7 @@ def test_every_reason_is_in_the_table_with_its_number_and_result() -> None:
     refused = set(enum("ORI_REASON").values()) - {
         dialect.ORI_REASON_NONE,
         dialect.ORI_REASON_STOPPED,
-        dialect.ORI_REASON_NOTHING,
+        dialect.ORI_REASON_NOTHING_TO_DO,
     }
     for reason in refused:
         assert stated[reason] == results[commands.refusal(reason).result], reason

@@ -124,7 +124,7 @@ def example(line: str) -> str:
     return f"\b\nExample:\n  {line}"
 
 
-def beside(path: Path, ending: str, new: str) -> Path:
+def named_after(path: Path, ending: str, new: str) -> Path:
     """The default output: same stem, in the working folder."""
     return Path(path.name.removesuffix(ending) + new)
 

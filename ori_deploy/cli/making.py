@@ -12,7 +12,7 @@ import click
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ori_deploy.cli.frame import IN, OUT, beside, example, print_table
+from ori_deploy.cli.frame import IN, OUT, example, named_after, print_table
 from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_poses
 from ori_deploy.cli.steps import (
@@ -53,7 +53,7 @@ def design(
 
     Ctrl-C ends a search early and keeps the best found so far.
     """
-    path = output or beside(spec, SPEC_ENDING, DESIGN_ENDING)
+    path = output or named_after(spec, SPEC_ENDING, DESIGN_ENDING)
     if not optimize:
         for name, value in (
             ("--starts", starts),
@@ -154,7 +154,7 @@ def _fold_of_cell(given: str, cell_ids: tuple[str, ...]) -> tuple[int, float]:
 @click.option("-o", "--output", type=OUT, help="Plan file to write.  [default: NAME.plan.json]")
 def plan(design_file: Path, rig: Path, output: Path | None) -> None:
     """Plan the deployment of DESIGN: check it for interference and time it."""
-    path = output or beside(design_file, DESIGN_ENDING, PLAN_ENDING)
+    path = output or named_after(design_file, DESIGN_ENDING, PLAN_ENDING)
     _print_plan(make_plan(design_file, rig, path), path)
 
 
@@ -167,7 +167,7 @@ def _print_plan(made: Plan, path: Path) -> None:
         f"{1e3 * check.smallest_clearance_m:.3g} mm ({where})" if check.clearance_panels[0] else "no free pair"
     )
     print_table(
-        f"{made.design_name}: {made.duration_s:.2f} s at {made.rate_hz:g} Hz",
+        f"{made.design_name}: {made.duration_s:.2f} s of motion at {made.rate_hz:g} Hz",
         [
             ("poses checked", str(check.n_poses)),
             ("deepest penetration", f"below {deepest:.2g} mm (allowed {allowed:.2g} mm)"),

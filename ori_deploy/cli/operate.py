@@ -167,7 +167,7 @@ def _page(now: Status) -> str:
     tracking = f"{math.degrees(now.worst_tracking_rad):.2f} deg"
     rows = {
         "state": f"{now.state}, {'at rest' if now.at_rest else 'not at rest'}",
-        "stage": _or_none(now.stage, "none") + ("" if now.command is None else f" of {now.command}"),
+        "stage": "none" if now.stage is None else now.stage + ("" if now.command is None else f" of {now.command}"),
         "fold": "not known" if now.fold is None else f"{now.fold:.4f}, rate {now.rate or 0.0:.2f}",
         "done": "not known" if now.progress_percent is None else f"{now.progress_percent:.0f} %",
         "remaining": "not known" if now.remaining_s is None else f"{now.remaining_s:.1f} s at full speed",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ori_deploy.cli.frame import IN, OUT, beside, console, example, warn
+from ori_deploy.cli.frame import IN, OUT, console, example, named_after, warn
 from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.files import digest, load_design, load_plan, write_atomically
 from ori_deploy.telemetry.read import read_run
@@ -22,7 +22,7 @@ from ori_deploy.view import render_report
 @click.option("-o", "--output", type=OUT, help="Page to write.  [default: NAME.html]")
 def report(log: Path, design_file: Path | None, plan_file: Path | None, output: Path | None) -> None:
     """Make a page of figures from a flight LOG."""
-    path = output or beside(log, ".mcap", ".html")
+    path = output or named_after(log, ".mcap", ".html")
     write_report(path, log, design_file, plan_file)
     console.print(f"written {path}", markup=False, soft_wrap=True)
 

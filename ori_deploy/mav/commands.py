@@ -297,9 +297,9 @@ class Commands:
         if _ENDS.get(work) == snapshot.state:
             return Verdict(dialect.MAV_RESULT_ACCEPTED)
         if work is Work.STOP and snapshot.at_rest and self.motion is None and not _held(snapshot):
-            return Verdict(dialect.MAV_RESULT_ACCEPTED, dialect.ORI_REASON_NOTHING)
+            return Verdict(dialect.MAV_RESULT_ACCEPTED, dialect.ORI_REASON_NOTHING_TO_DO)
         if work is Work.CLEAR_FAULT and not snapshot.fault:
-            return Verdict(dialect.MAV_RESULT_ACCEPTED, dialect.ORI_REASON_NOTHING)
+            return Verdict(dialect.MAV_RESULT_ACCEPTED, dialect.ORI_REASON_NOTHING_TO_DO)
         return None
 
     def _refused_just_now(self, work: Work, force: bool, now: float) -> Verdict | None:

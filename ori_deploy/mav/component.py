@@ -162,7 +162,9 @@ class Component:
             return
         # The field holds one of the protocol's own reasons here, of which only "generic" fits.
         self._acknowledge(heard, message, dialect.MAV_RESULT_DENIED, 0, dialect.MAV_ARM_AUTH_DENIED_REASON_GENERIC)
-        self._texts.tell(dialect.MAV_SEVERITY_CRITICAL, "arming refused: not deployed and locked")
+        if (heard.system, heard.component) == (self._we[0], self._settings.autopilot_component):
+            # Who else asks arms nothing, and could fill every station's screen with alarms.
+            self._texts.tell(dialect.MAV_SEVERITY_CRITICAL, "arming refused: not deployed and locked")
 
     def _requested(self, heard: Heard, message: CommandMessage, now: float) -> None:
         """A station asks for one message now."""

@@ -10,7 +10,7 @@ from ori_deploy.deploy.states import State
 from ori_deploy.mav.commands import FORCE
 from ori_deploy.mav.words import Ask
 from ori_deploy.wire.vehicle import dialect
-from tests.mav.world import AUTOPILOT, IN_AIR, ON_GROUND, US, World, command, heartbeat, world
+from tests.mav.world import AUTOPILOT, GROUND, IN_AIR, ON_GROUND, US, World, command, heartbeat, world
 
 DEPLOY, FOLD, STOP, CLEAR = (
     dialect.ORI_CMD_DEPLOY,
@@ -315,7 +315,7 @@ def test_stop_ends_the_other_command_and_is_accepted_at_rest() -> None:
     assert w.record.rate == 0.0
     w.hear(command(STOP))
     w.run(0.1)
-    assert w.answers() == [(ACCEPTED, dialect.ORI_REASON_NOTHING)]
+    assert w.answers() == [(ACCEPTED, dialect.ORI_REASON_NOTHING_TO_DO)]
 
 
 def test_a_cancelled_command_says_so() -> None:
@@ -470,6 +470,13 @@ def test_arming_is_authorised_only_when_deployed_and_locked() -> None:
     ask = command(dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST, 1.0)
     w.hear(ask, AUTOPILOT, "autopilot")
     assert w.answers() == [(DENIED, dialect.MAV_ARM_AUTH_DENIED_REASON_GENERIC)]
+    w.run(0.5)
+    assert "ori: arming refused: not deployed and locked" in w.texts()
+    w.run(10.0)
+    w.hear(ask, GROUND, "station")  # answered, but it arms nothing: no alarm on every screen
+    assert w.answers() == [(DENIED, dialect.MAV_ARM_AUTH_DENIED_REASON_GENERIC)]
+    w.run(0.5)
+    assert "ori: arming refused: not deployed and locked" not in w.texts()
     health = w.take(dialect.MAVLink_sys_status_message)[-1]
     assert not health.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK
     assert health.onboard_control_sensors_enabled & dialect.MAV_SYS_STATUS_PREARM_CHECK
