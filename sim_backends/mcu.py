@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from pathlib import Path
 
 import click
@@ -22,6 +23,22 @@ __all__ = ["HingeSpec", "LatchSpec", "Microcontroller", "WorldSpec", "main"]
 
 EXIT_BAD_INPUT = 2
 LINK_PERIOD_S = 0.02
+
+
+class _End:
+    """Whether SIGINT or SIGTERM has come.
+
+    Nothing is raised where one comes: raised within `subprocess`, between the taking and the giving back of its
+    lock, it left a process that waited for its board for ever.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, *_: object) -> None:
+        self.asked = True
 
 
 def bench() -> WorldSpec:
@@ -93,10 +110,7 @@ def main(
       python -m sim_backends.mcu --link out/ttyMCU --rig rig.toml --plan wing.plan.json
     """
 
-    def end(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, end)
+    end = _End()
     try:
         world, ids = _world(rig_file, plan_file, start, plant, loads, linked=servos is not None)
         with Microcontroller(world, link, port=port, program=elf, eeprom=eeprom) as board:
@@ -104,14 +118,13 @@ def main(
             if structure is not None:
                 structure.step()  # before anybody is told that it is there
             click.echo(board.greeting)
-            while not board.ended(LINK_PERIOD_S):
+            while not end.asked and board.running:
+                time.sleep(LINK_PERIOD_S)
                 if structure is not None:
                     structure.step()
     except OriDeployError as wrong:
         click.echo(f"error: {wrong}", err=True)
         sys.exit(EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
-        pass
 
 
 if __name__ == "__main__":

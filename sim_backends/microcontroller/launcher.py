@@ -270,14 +270,10 @@ class Microcontroller:
         assert self._process is not None
         return self._process.wait()
 
-    def ended(self, timeout_s: float) -> bool:
-        """Whether the process has ended, at the latest after a while."""
-        assert self._process is not None
-        try:
-            self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            return False
-        return True
+    @property
+    def running(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process is not None and self._process.poll() is None
 
     def kill(self) -> None:
         """End the process at once, as when its host dies. The link stays behind, pointing nowhere."""

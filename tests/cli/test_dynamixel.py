@@ -22,6 +22,7 @@ from ori_deploy.files import load_plan
 from ori_deploy.telemetry.read import read_run
 from sim_backends.dynamixel.from_rig import Start, spec_for_files
 from sim_backends.dynamixel.launcher import VirtualBus
+from tests.cli.virtual import simulator
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -96,21 +97,15 @@ def test_the_wing_deploys_and_stows_by_the_two_commands_of_the_example(plan: Pat
     (tmp_path / "examples").mkdir()
     shutil.copy(rig, tmp_path / "examples" / RIG.name)
     shutil.copy(plan, tmp_path / "wing.plan.json")
-    words = text[0].replace("python ", f"{sys.executable} ").split()
     deploy = text[1].removeprefix("ori-deploy ").split()
-    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as simulator:
-        try:
-            assert simulator.stdout is not None
-            assert "virtual bus on out/ttyDXL" in simulator.stdout.readline()
-            done = run(*deploy, "--log", "run.mcap", cwd=tmp_path)
-            assert done.returncode == 0, done.stderr
-            assert "state deployed" in done.stdout
-            done = run("stow", *deploy[1:], cwd=tmp_path)
-            assert done.returncode == 0, done.stderr
-            assert "state stowed" in done.stdout
-        finally:
-            simulator.terminate()
-    assert simulator.returncode == 0
+    with simulator(text[0], tmp_path) as said:
+        assert "virtual bus on out/ttyDXL" in said
+        done = run(*deploy, "--log", "run.mcap", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "state deployed" in done.stdout
+        done = run("stow", *deploy[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "state stowed" in done.stdout
     assert not list((tmp_path / "out").iterdir())
     is_decided_the_same_again(tmp_path / "run.mcap")
     log = read_run(tmp_path / "run.mcap")

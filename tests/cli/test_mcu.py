@@ -20,6 +20,7 @@ from sim_backends.microcontroller.build import Port
 from sim_backends.microcontroller.from_rig import Start, world_for_files
 from sim_backends.microcontroller.launcher import Microcontroller
 from tests.cli.test_dynamixel import EXAMPLES, end, is_decided_the_same_again, run
+from tests.cli.virtual import simulator
 from tests.sim_backends.microcontroller.bench import need
 
 RIG = EXAMPLES / "rig_wing_mcu.toml"
@@ -83,21 +84,15 @@ def test_the_wing_deploys_by_the_commands_of_the_example(made: Path, tmp_path: P
     (tmp_path / "examples").mkdir()
     shutil.copy(made / "rig.toml", tmp_path / "examples" / RIG.name)
     shutil.copy(made / "wing.plan.json", tmp_path)
-    words = text[0].replace("python ", f"{sys.executable} ").split()
-    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as simulator:
-        try:
-            assert simulator.stdout is not None
-            assert "atmega2560 on out/ttyMCU" in simulator.stdout.readline()
-            for line in text[1:]:
-                done = run(*line.removeprefix("ori-deploy ").split(), cwd=tmp_path)
-                assert done.returncode == 0, done.stderr
-            assert "state deployed" in done.stdout
-            done = run("stow", *text[-1].split()[2:], "--log", "stow.mcap", cwd=tmp_path)
+    with simulator(text[0], tmp_path) as said:
+        assert "atmega2560 on out/ttyMCU" in said
+        for line in text[1:]:
+            done = run(*line.removeprefix("ori-deploy ").split(), cwd=tmp_path)
             assert done.returncode == 0, done.stderr
-            assert "state stowed" in done.stdout
-        finally:
-            simulator.terminate()
-    assert simulator.returncode == 0
+        assert "state deployed" in done.stdout
+        done = run("stow", *text[-1].split()[2:], "--log", "stow.mcap", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "state stowed" in done.stdout
     assert not list((tmp_path / "out").iterdir())
     is_decided_the_same_again(tmp_path / "stow.mcap")
 

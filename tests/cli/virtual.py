@@ -8,6 +8,8 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +94,20 @@ class Running:
         """Wait for its end; exit status, standard output and errors."""
         out, err = self._process.communicate(timeout=60.0)
         return self._process.returncode, out, err
+
+
+@contextmanager
+def simulator(line: str, folder: Path) -> Iterator[str]:
+    """A simulator by the command of an example, and the first line it says; it ends well when it is told to."""
+    words = line.replace("python ", f"{sys.executable} ").split()
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline()
+            process.terminate()
+            assert process.wait(30.0) == 0
+        finally:
+            process.kill()
 
 
 def patient_wing(folder: Path, *, slack_s: float, watchdog_s: float, lost: int) -> Path:
