@@ -123,7 +123,7 @@ def test_a_stock_station_deploys_and_folds_only_on_the_ground(plan: Path, tmp_pa
         assert station.acknowledged() == "IN_PROGRESS"
         while (told := station.acknowledged(within=60.0)) == "IN_PROGRESS":
             pass
-        assert told == "ACCEPTED"
+        assert told == "ACCEPTED", f.told()
         assert f.state() == "deployed"
         assert autopilot.authorize() == ACCEPTED
 
@@ -156,7 +156,7 @@ def test_a_stock_station_deploys_and_folds_only_on_the_ground(plan: Path, tmp_pa
         station.command(USER_1, FOLD)
         while (told := station.acknowledged(within=60.0)) == "IN_PROGRESS":
             pass
-        assert told == "ACCEPTED"
+        assert told == "ACCEPTED", f.told()
         assert f.state() == "stowed"
         assert autopilot.authorize() == DENIED
 
@@ -225,7 +225,7 @@ def test_a_flood_of_commands_changes_nothing(plan: Path, tmp_path: Path) -> None
                 time.sleep(max(due - time.monotonic(), 0.0))
         while (told := station.acknowledged(within=60.0)) == "IN_PROGRESS":
             pass
-        assert told == "ACCEPTED"
+        assert told == "ACCEPTED", f.told()
         assert f.told().fault is None
 
 

@@ -221,17 +221,17 @@ def test_a_current_limit_makes_a_blocked_servo_give_way(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_silence_stops_every_servo_and_is_a_typed_fault_that_clearing_ends(tmp_path: Path) -> None:
     slow = {"profile_velocity_rad_s": 0.5}
-    with servos(tmp_path, watchdog_s=0.08, **slow) as setup:
+    with servos(tmp_path, watchdog_s=0.3, **slow) as setup:
         goal = hold(setup) + 2.0 * STEP
         stream(setup, goal, 0.1)
         silent = time.monotonic()
-        time.sleep(0.4)
+        time.sleep(0.7)
         truth = setup.virtual.truth()
         for i in range(1, N + 1):
             assert truth[i].frozen
-            assert truth[i].moved_s < silent + 0.12
+            assert truth[i].moved_s < silent + 0.34
             assert truth[i].torque_on
-        with pytest.raises(WatchdogTripped, match=r"servo_c1.*0.08 s"):
+        with pytest.raises(WatchdogTripped, match=r"servo_c1.*0.3 s"):
             setup.bus.read_health()
         stood = setup.bus.read_hinges().position_rad
         assert (np.abs(stood - goal) > 0.05).all()
