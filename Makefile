@@ -1,6 +1,8 @@
 # make demo | figures | docs | test | campaign | bench | install | lint | clean
 PYTHON ?= python3
 VENV := .venv
+# Three on two cores: half of the slow tests' time is real time in which motions run.
+PYTEST_WORKERS ?= 3
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # The tests' ground station. Without its windows it needs no more than the project has already; what it depends on
@@ -32,10 +34,10 @@ $(STAMP): pyproject.toml setup.py tools/generate_codecs.py ori_deploy/wire/ori_d
 
 # The fast suite, then what is marked slow.
 test: test-fast
-	$(BIN)/python -m pytest -q -n 2 -m slow
+	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist worksteal -m slow
 
 test-fast: install browser-tools firmware-tools lint
-	$(BIN)/python -m pytest -q -n 2 -m 'not slow'
+	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist worksteal -m 'not slow'
 
 # Chromium, from Debian; without it the page's tests in a browser are skipped.
 browser-tools:
