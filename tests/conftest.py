@@ -1,15 +1,39 @@
-"""A runtime folder of a test's own, with a name short enough for a socket."""
+"""For all tests: a runtime folder of a test's own, and the processor for whom time passes."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 
 from ori_deploy import runtime_dir
+
+COMPUTING = (
+    *("aero", "design", "docs", "export", "figures", "files", "firmware", "layout", "loads", "motion", "oracle"),
+    *("profiles", "search", "sweep", "view", "cli/test_cones.py", "cli/test_optimise.py", "cli/test_sweep.py"),
+    *("mav/test_stateful.py", "telemetry/test_replay.py", "test_gallery.py"),
+)
+"""Tests that wait for nothing but the processor."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Let tests that compute, and what they start, give way to those in which motions run in real time.
+
+    There are more workers than processors. Only root may take a thread back from the idle policy.
+    """
+    place = item.path.relative_to(Path(__file__).parent)
+    if os.geteuid() != 0 or not any(place.is_relative_to(one) for one in COMPUTING):
+        return (yield)
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    try:
+        return (yield)
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @pytest.fixture

@@ -76,8 +76,8 @@ def test_deployed_refused_in_the_air_and_folded_on_the_ground(served: Served) ->
         served.until(lambda told: told.may_fold)
         assert document(gcs(served, "fold", "--json")) == {"result": "accepted", "reason": "none"}
         assert document(gcs(served, "status", "--json"))["state"] == "stowed"
-    ended(gcs(served, "stop"), 0, "accepted: nothing")
-    ended(gcs(served, "clear-fault"), 0, "accepted: nothing")
+    ended(gcs(served, "stop"), 0, "accepted: nothing to do")
+    ended(gcs(served, "clear-fault"), 0, "accepted: nothing to do")
 
 
 def test_parameters_are_listed_set_and_bounded(served: Served) -> None:
