@@ -19,7 +19,7 @@ from ori_deploy.mav.links import Links
 from ori_deploy.mav.parameters import Parameters, parameters_of
 from ori_deploy.mav.settings import Settings
 from ori_deploy.mav.signing_key import KeptTimestamps, load_key, timestamps_beside
-from ori_deploy.mav.words import Failed, Ready, Word, item_of, word_of
+from ori_deploy.mav.words import ALIVE_EVERY_S, Alive, Failed, Ready, Word, item_of, word_of
 from ori_deploy.telemetry.channel import Frame, Reader, packed
 from ori_deploy.wire.vehicle import Party, Signing
 
@@ -90,8 +90,12 @@ def serve(loop: LoopEnd, settings: Settings) -> None:
     with kept or nullcontext(), Links(settings.links, party, signing) as links:
         loop.say(Ready())
         component = Component(settings, parameters, links.send, loop.say, time.monotonic())
+        said_s = time.monotonic()
         while not loop.gone:
             _turn(loop, links, component)
+            if time.monotonic() - said_s > ALIVE_EVERY_S:
+                loop.say(Alive())
+                said_s = time.monotonic()
             if kept is not None:
                 kept.tick()
 

@@ -24,6 +24,9 @@ ROOM_BYTES = 1 << 18
 WORDS_PER_CYCLE = 8
 RESTART_S = 2.0
 
+SILENT_S = 3.0
+"""One that says nothing for so long hangs: it is ended, and taken as gone. It has something to say far oftener."""
+
 log = logging.getLogger(__name__)
 
 
@@ -75,9 +78,14 @@ class Speaker:
             return
         try:
             for frame in self._sender.heard():
+                self._silent_from_s = time.monotonic() + SILENT_S
                 self._waiting.extend(word for word in map(word_of, frame) if word is not None)
+            if time.monotonic() > self._silent_from_s:
+                self._process.kill()  # its links, with whatever hangs in them, go with it
+                raise TimeoutError(f"it has said nothing for {SILENT_S:g} s")
         except OSError as wrong:
             self._lose(wrong)
+            return
         now, self._waiting = self._waiting[:WORDS_PER_CYCLE], self._waiting[WORDS_PER_CYCLE:]
         yield from now
 
@@ -127,6 +135,7 @@ class Speaker:
         process, end = spawn("ori_deploy.mav.process", ())
         sender = Sender(end, waits=False, room_bytes=ROOM_BYTES)
         sender.send([("settings", pickle.dumps(self._settings))])
+        self._silent_from_s = time.monotonic() + START_S
         return process, sender
 
     def _await_ready(self) -> None:

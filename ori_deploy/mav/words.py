@@ -11,6 +11,8 @@ from typing import TypeVar
 
 from ori_deploy.telemetry.channel import Item
 
+ALIVE_EVERY_S = 0.5
+
 # -- from the process to the loop --------------------------------------------------------------------------
 
 
@@ -77,6 +79,11 @@ class Tune:
 @dataclass(frozen=True, slots=True)
 class Ready:
     """The links are open."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alive:
+    """Nothing hangs there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +167,10 @@ class Ended:
     text: str
 
 
-Word = Ask | Vehicle | Hold | Tune | Ready | Failed | Snapshot | Answered | Ended
+Word = Ask | Vehicle | Hold | Tune | Ready | Alive | Failed | Snapshot | Answered | Ended
 
 _KINDS: dict[str, type[Word]] = {
-    kind.__name__: kind for kind in (Ask, Vehicle, Hold, Tune, Ready, Failed, Snapshot, Answered, Ended)
+    kind.__name__: kind for kind in (Ask, Vehicle, Hold, Tune, Ready, Alive, Failed, Snapshot, Answered, Ended)
 }
 _W = TypeVar("_W")
 

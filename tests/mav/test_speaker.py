@@ -13,7 +13,7 @@ import pytest
 from ori_deploy.mav import speaker as module
 from ori_deploy.mav.settings import Settings
 from ori_deploy.mav.speaker import RESTART_S, Speaker
-from ori_deploy.mav.words import Ask, Ended, Failed, Tune, Word
+from ori_deploy.mav.words import Alive, Ask, Ended, Failed, Tune, Word
 from tests.mav.world import world
 
 
@@ -45,6 +45,30 @@ def test_what_one_that_is_gone_had_asked_for_counts_no_more(speaker: Speaker) ->
     gone(speaker)
     speaker._waiting = [Ask(k, "deploy", "a station", False, 0.0) for k in range(20)]
     assert list(speaker.words()) == []
+
+
+def test_one_that_hangs_is_taken_as_gone_and_ended(speaker: Speaker, monkeypatch: pytest.MonkeyPatch) -> None:
+    said(speaker, Alive)
+    monkeypatch.setattr(module, "SILENT_S", 1.0)
+    said(speaker, Alive)
+    pid = speaker.pid
+    os.kill(pid, signal.SIGSTOP)
+    while not speaker.lost:
+        list(speaker.words())
+        time.sleep(0.01)
+    assert os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+    speaker._lost_s = time.monotonic() - RESTART_S
+    speaker.restart()
+    assert said(speaker, Alive)
+
+
+def test_one_that_speaks_is_never_taken_as_hanging(speaker: Speaker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "SILENT_S", 2.0)
+    until = time.monotonic() + 5.0
+    while time.monotonic() < until:
+        list(speaker.words())
+        assert not speaker.lost
+        time.sleep(0.01)
 
 
 def test_one_that_cannot_be_started_again_now_is_later(speaker: Speaker, monkeypatch: pytest.MonkeyPatch) -> None:
