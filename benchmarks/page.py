@@ -1,8 +1,12 @@
 """What the operator's page does where a processor draws: `python -m benchmarks.page` from the root.
 
-Frames: a wing of 24 cells unfolds at 1100 x 700. "drawn" counts what the browser puts on its screen, "poses" what of
-the motion arrives there; meshes are uploaded once, before. Stop: from just before the button is pressed by the mouse,
-the browser's remote control included, to the last cycle in which a hinge was sent another goal, from the flight log.
+Frames: a wing of 24 cells unfolds at 1100 x 700. "moved" counts frames that the browser drew with other poses than
+the one before, found out from the matrices that its WebGL is given; "drawn" counts all that it had time for. Meshes
+are uploaded once, before. In software the page asks for half as many pixels to a side: what it truly drew is told.
+
+Stop: from just before the button is pressed by the mouse, the browser's remote control included, to the last cycle in
+which a hinge was sent another goal, from the flight log; once with the simulated servos of the rig, and once with
+virtual ones on a serial line that is as slow as a true one.
 The load of the machine is told because everything here shares its processors.
 """
 
@@ -23,19 +27,36 @@ from ori_deploy.files import Design, build_from_file, save_design
 from ori_deploy.profiles import Naca4
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import read_run
+from sim_backends.dynamixel.from_rig import spec_for_files
+from sim_backends.dynamixel.launcher import VirtualBus
+from tests.cli.virtual import patient_wing
 from tests.page.browser import DESKTOP, ROOT, WITHIN_MS, Command, browser, opened, press, state_is, under_control
 
 CELLS, SECONDS, STOPS = 24, 5.0, 10
 
-_COUNT = """seconds => new Promise(done => {
-  let drawn = 0, begin = performance.now();
-  const next = () => {
-    drawn += 1;
-    const took = performance.now() - begin;
-    if (took > 1e3 * seconds) done(drawn / (1e-3 * took)); else requestAnimationFrame(next);
+_WATCH = """(() => {
+  const gl = WebGL2RenderingContext.prototype, set = gl.uniformMatrix4fv;
+  let now = [], before = new Set();
+  gl.uniformMatrix4fv = function (place, turned, values, ...rest) {
+    now.push(values[0] + 3 * values[1] + 7 * values[12] + 11 * values[13] + 13 * values[14]);
+    return set.call(this, place, turned, values, ...rest);
   };
-  requestAnimationFrame(next);
-})"""
+  window.countFrames = seconds => new Promise(done => {
+    let drawn = 0, moved = 0;
+    const begin = performance.now();
+    const next = () => {
+      drawn += 1;
+      if (now.some(one => !before.has(one))) moved += 1;
+      if (now.length) before = new Set(now);
+      now = [];
+      const took = 1e-3 * (performance.now() - begin);
+      if (took > seconds) done([drawn / took, moved / took]); else requestAnimationFrame(next);
+    };
+    requestAnimationFrame(next);
+  });
+})()"""
+
+_PIXELS = "[...document.querySelectorAll('canvas')].map(c => [c.width * c.height, `${c.width} x ${c.height}`])"
 
 
 def wing(cells: int) -> Design:
@@ -54,29 +75,42 @@ def frames(folder: Path) -> None:
     save_design(wing(CELLS), path)
     with Command("view", path, "--port", 0, cwd=folder) as page_of, browser() as chromium:
         page = chromium.new_page(viewport=DESKTOP)  # type: ignore[arg-type]
-        heard: list[float] = []
-        page.on("websocket", lambda ws: ws.on("framereceived", lambda _: heard.append(time.monotonic())))
+        page.add_init_script(_WATCH)
         page.goto(page_of.address)
         page.wait_for_selector("text=Play", timeout=WITHIN_MS)
         time.sleep(4.0)
+        still = float(page.evaluate("countFrames(1.0)")[1])
         page.click("text=Play")
-        begin = time.monotonic()
-        drawn = float(page.evaluate(_COUNT, SECONDS))
-        poses = sum(t > begin for t in heard) / (time.monotonic() - begin)
-    print(
-        f"{CELLS} cells, {4 * CELLS} panels, playing: {drawn:.1f} frames/s drawn, {poses:.1f} messages/s; target 30"
-    )
+        drawn, moved = page.evaluate("countFrames", SECONDS)
+        _, pixels = max(page.evaluate(_PIXELS))
+    print(f"{CELLS} cells, {4 * CELLS} panels, drawn with {pixels} pixels; target 30 frames/s")
+    print(f"  playing: {moved:.1f} frames/s moved, {drawn:.1f} drawn; at rest {still:.1f} moved")
 
 
 def stops(folder: Path) -> None:
-    """Print how long a stop takes."""
-    design, plan, log = folder / "wing.design.json", folder / "wing.plan.json", folder / "run.mcap"
+    """Print how long a stop takes on simulated servos, in a loop that talks to nobody."""
+    design, plan = folder / "wing.design.json", folder / "wing.plan.json"
     save_design(Design("wing", 1.26, build_from_file(ROOT / "examples" / "wing_naca2412.toml")[1]), design)
     rig = ROOT / "examples" / "rig_mock.toml"
     make_plan(design, rig, plan)
-    clicked = []
-    words = ("serve", plan, "--rig", rig, "--log", log, "--view", "--view-port", 0)
-    with Command(*words, cwd=folder) as served, browser() as chromium:
+    _stops(folder, "simulated servos", plan, "--rig", rig)
+
+
+def servo_stops(folder: Path) -> None:
+    """Print how long a stop takes on virtual servos, over their serial line."""
+    folder.mkdir()
+    plan = patient_wing(folder, slack_s=0.05, watchdog_s=0.8, lost=10)
+    rig = folder / "rig.toml"
+    with VirtualBus(spec_for_files(rig, plan, "stowed"), link=folder / "ttyDXL") as bus:
+        _stops(folder, "virtual servos", plan, "--rig", rig, "--port", bus.link)
+
+
+def _stops(folder: Path, which: str, *words: object) -> None:
+    log, clicked = folder / "run.mcap", []
+    with (
+        Command("serve", *words, "--log", log, "--view", "--view-port", 0, cwd=folder) as served,
+        browser() as chromium,
+    ):
         page = opened(chromium, served.address)
         under_control(page)
         for k in range(STOPS):
@@ -95,7 +129,7 @@ def stops(folder: Path) -> None:
     moved = run.time_s[1:][(np.diff(run.commanded_rad, axis=0) != 0.0).any(axis=1)]
     ends = [1e3 * (_last(moved, t) - t) for t in clicked]
     told = f"median {statistics.median(ends):.0f} ms, worst {max(ends):.0f} ms of {len(ends)}"
-    print(f"stop, from the click to the last motion command: {told}; target 100")
+    print(f"stop on {which}, from the click to the last motion command: {told}; target 100")
 
 
 def _last(moved: Reals, t: float) -> float:
@@ -114,6 +148,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         frames(Path(folder))
         stops(Path(folder))
+        servo_stops(Path(folder) / "servos")
     print(f"load at the end {os.getloadavg()[0]:.1f}")
 
 

@@ -48,6 +48,9 @@ ENTRIES: Mapping[str, Entry] = MappingProxyType(
         "schema": Entry("schema", "schema", "Print the JSON Schema of a kind of file."),
         "serve": Entry("serve", "serve", "Stay, and take orders from a MAVLink network."),
         "size": Entry("size", "size", "Print the torque that every driven hinge of DESIGN needs."),
+        "span-unfolded": Entry(
+            "operate", "span_unfolded", "Give your word to a controller that serves: span unfolded."
+        ),
         "status": Entry("operate", "status", "Tell what a running controller is doing."),
         "stop": Entry("operate", "stop", "Bring a running motion to rest and give it up."),
         "stow": Entry("motions", "stow", "Carry PLAN out backwards: unlatch, close."),

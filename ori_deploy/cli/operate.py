@@ -1,4 +1,4 @@
-"""`ori-deploy status | pause | resume | stop | estop`: a running controller, from another terminal."""
+"""`ori-deploy status | pause | resume | stop | estop | ...`: a running controller, from another terminal."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ _REST = {
     Do.STOP: frozenset({State.ARMED}),
     Do.ESTOP: frozenset({State.FAULT}),
     Do.CLEAR_FAULT: frozenset({State.ARMED, State.READY, State.DISCONNECTED}),
+    Do.SPAN_UNFOLDED: frozenset(State),
 }
 """Where each command means to come to rest."""
 
@@ -117,6 +118,11 @@ clear_fault = _command(
     Do.CLEAR_FAULT,
     "Have a controller that takes orders (`serve`) forget its fault, once at rest; nothing moves.",
 )
+span_unfolded = _command(
+    Do.SPAN_UNFOLDED,
+    "Your word to a controller that takes orders (`serve`) that a span in segments is unfolded, for its next "
+    "deployment; nothing moves.",
+)
 
 
 def _status_of(where: Found) -> Status:
@@ -163,7 +169,7 @@ def _show(now: Status, *, as_json: bool) -> None:
 
 def _page(now: Status) -> str:
     """A status for people."""
-    closed = sum(latch.confirmed is True for latch in now.latches)
+    closed, latches = now.secured
     tracking = f"{math.degrees(now.worst_tracking_rad):.2f} deg"
     rows = {
         "state": f"{now.state}, {'at rest' if now.at_rest else 'not at rest'}",
@@ -172,10 +178,11 @@ def _page(now: Status) -> str:
         "done": "not known" if now.progress_percent is None else f"{now.progress_percent:.0f} %",
         "remaining": "not known" if now.remaining_s is None else f"{now.remaining_s:.1f} s at full speed",
         "fault": _or_none(now.fault, "none"),
+        "concern": _or_none(now.concern, "none"),
         "next": _NEXT.get(now.state, "ori-deploy estop"),
         "tracking": tracking
         + ("" if now.worst_tracking_hinge is None else f" at worst ({now.worst_tracking_hinge})"),
-        "latches": f"{closed} of {len(now.latches)} confirmed closed",
+        "latches": f"{closed} of {latches} confirmed closed",
         "plan": now.plan,
         "rig": now.rig,
         "port": ", ".join(now.ports) or "none",

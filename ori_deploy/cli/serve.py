@@ -281,7 +281,11 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
                 is_flag=True,
                 help="Your word that it stands as measured, whatever the journal says.",
             ),
-            click.option("--span-unfolded", is_flag=True, help="Your word that a span in segments is unfolded."),
+            click.option(
+                "--span-unfolded",
+                is_flag=True,
+                help="Your word that a span in segments is unfolded, for the first deployment.",
+            ),
             click.option(
                 "--start",
                 type=click.Choice(["stowed", "deployed"]),

@@ -136,6 +136,10 @@ class Controller(Cycle):
         require_unfolded(self._plan, span_unfolded)
         self._do(Event.DEPLOY)
 
+    def require_unfolded(self, span_unfolded: bool) -> None:
+        """Raise `StartRefused` as `deploy` would where nobody says that the span is unfolded; moves nothing."""
+        require_unfolded(self._plan, span_unfolded)
+
     def stow(self) -> None:
         """Begin to stow, as `deploy`."""
         self._do(Event.STOW)

@@ -6,6 +6,10 @@ from ori_deploy.deploy.result import StartRefused
 from ori_deploy.motion.plan import Plan
 
 
+class SpanMayBeFolded(StartRefused):
+    """Somebody's word is wanted that the span is unfolded."""
+
+
 def require_unfolded(plan: Plan, unfolded: bool) -> None:
     """Refuse to open cells while the span may be folded: its hinges sit on panels that would turn apart.
 
@@ -18,11 +22,11 @@ def require_unfolded(plan: Plan, unfolded: bool) -> None:
 
     Raises
     ------
-    StartRefused
+    SpanMayBeFolded
         The plan has a span stage, and nobody says so.
     """
     if plan.span is not None and not unfolded:
-        raise StartRefused(
+        raise SpanMayBeFolded(
             f"plan {plan.design_name}: the span may still be folded",
             value=f"{plan.span.segments} segments, hinges {', '.join(plan.span.hinge_ids)}",
             limit="unfolded before any cell opens",

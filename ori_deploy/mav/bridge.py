@@ -19,10 +19,10 @@ from ori_deploy.deploy.states import State
 from ori_deploy.mav.interlock import VehicleInterlock
 from ori_deploy.mav.words import Answered, Ask, Ended, Failed, Hold, Snapshot, Tune, Vehicle, Word
 from ori_deploy.operate.desk import Desk
-from ori_deploy.operate.messages import Code, Do, Request
+from ori_deploy.operate.messages import LONGEST_WAIT_S, Code, Do, Request, too_late
 from ori_deploy.wire.vehicle import dialect
 
-STALE_ASK_S = 1.0
+STALE_ASK_S = LONGEST_WAIT_S
 """An order that waited longer than that is not carried out: who gave it is told that nothing answered. STOP is."""
 BEAT_S = 1.0
 SNAPSHOT_HZ = 10.0
@@ -33,6 +33,8 @@ REASONS: Mapping[Code, int] = MappingProxyType(
         Code.REFUSED: dialect.ORI_REASON_REFUSED,
         Code.FAULT: dialect.ORI_REASON_FAULT,
         Code.ONE_COMMAND: dialect.ORI_REASON_REFUSED,
+        Code.SPAN_WORD: dialect.ORI_REASON_REFUSED,
+        Code.TOO_LATE: dialect.ORI_REASON_LOOP_SILENT,
         Code.AIRBORNE: dialect.ORI_REASON_AIRBORNE,
         Code.LANDED_UNKNOWN: dialect.ORI_REASON_LANDED_UNKNOWN,
         Code.ARMED: dialect.ORI_REASON_ARMED,
@@ -142,10 +144,11 @@ class Bridge:
 
     def _ask(self, ask: Ask) -> None:
         do = Do(ask.do)
-        if do is not Do.STOP and self._now() - ask.asked_s > STALE_ASK_S:
+        request = Request(do, force=ask.force, asked_s=ask.asked_s)
+        if too_late(request, self._now()):
             self._say(Answered(ask.token, False, dialect.ORI_REASON_LOOP_SILENT, "the loop was too late for it"))
             return
-        answer = self._desk.answer(Request(do, force=ask.force), ask.who)
+        answer = self._desk.answer(request, ask.who)
         if answer.took and do in (Do.DEPLOY, Do.STOW):
             if self._token:  # gone on with, or turned round: the older order is over
                 self._say(Ended(self._token, str(Outcome.STOPPED), "another order took its place"))

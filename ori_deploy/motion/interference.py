@@ -220,6 +220,26 @@ class Interference:
                 hi = middle
         return 0.5 * (lo + hi)
 
+    def deepest(self, fold: Reals, pairs: Indices, most: int) -> tuple[Indices, Indices]:
+        """Of pairs that reach into each other at one fold (n_cells,), the deepest, at most so many, and the rest.
+
+        A depth is looked for that at most so many exceed: none of the rest is deeper than any of those, but for a
+        thousandth of the allowed penetration.
+        """
+        poses = self.mechanism.poses(fold[None, :])
+        low, high = 0.0, float(self.contact.widest_m[np.unique(self.pairs[:, pairs])].max(initial=0.0))
+        deep, left, rest = pairs[:0], pairs, pairs[:0]
+        while len(deep) + len(left) > most and high - low > 1e-3 * self.allowed_m:
+            middle = 0.5 * (low + high)
+            core = self._shrunk(middle, np.unique(self.pairs[:, left]))
+            over = self._overlap(poses, np.zeros_like(left), left, core)
+            if len(deep) + over.sum() > most:
+                left, rest, low = left[over], np.concatenate([rest, left[~over]]), middle
+            else:
+                deep, left, high = np.concatenate([deep, left[over]]), left[~over], middle
+        room = most - len(deep)
+        return np.concatenate([deep, left[:room]]), np.concatenate([rest, left[room:]])
+
     # --- motions -------------------------------------------------------------------------------------
 
     def touching(self, fold: Reals) -> Indices:

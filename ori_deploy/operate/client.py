@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import socket
+import time
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ori_deploy.errors import InputError, OriDeployError
-from ori_deploy.operate.messages import Answer, Do, Request, Status, parse_answer, request_line
+from ori_deploy.operate.messages import MAY_MOVE, Answer, Do, Request, Status, parse_answer, request_line
 from ori_deploy.operate.places import listened_at, remove_stale, sockets
 from ori_deploy.runtime_dir import runtime_dirs
 
@@ -69,11 +70,15 @@ def find(pid: int | None = None, port: str | None = None) -> Found:
 def ask(where: Found, request: Request) -> Generator[Answer, None, None]:
     """Send a request; yields its answer, and the one at rest if `request.wait`.
 
+    What may lead to a motion says when it was asked: a controller that hangs meanwhile does not do it later.
+
     Raises
     ------
     NotAnswering
         It does not, within `PATIENCE_S`; or it ended before it was at rest.
     """
+    if request.do in MAY_MOVE:
+        request = replace(request, asked_s=time.monotonic())
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
         link.settimeout(PATIENCE_S)
         try:
@@ -86,9 +91,10 @@ def ask(where: Found, request: Request) -> Generator[Answer, None, None]:
                     link.settimeout(None)
                     yield _next(lines.readline(MAX_ANSWER_BYTES), where)
         except OSError as wrong:
+            unknown = "" if request.do is Do.STATUS else f"; whether it took {request.do} is not known"
             raise NotAnswering(
-                f"the controller with pid {where.pid} does not answer ({wrong}); remedy: press Ctrl-C in its "
-                f"terminal, or kill -INT {where.pid}: it comes to rest along its path"
+                f"the controller with pid {where.pid} does not answer ({wrong}){unknown}; remedy: press Ctrl-C in "
+                f"its terminal, or kill -INT {where.pid}: it comes to rest along its path"
             ) from wrong
 
 

@@ -16,11 +16,12 @@ from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.claim import held_devices
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.result import CycleRecord, Fault
+from ori_deploy.deploy.span import SpanMayBeFolded
 from ori_deploy.deploy.states import Event, IllegalCommand, State, allowed_commands
 from ori_deploy.errors import OriDeployError
 from ori_deploy.motion.plan import Plan
 from ori_deploy.operate.due import DueGoals
-from ori_deploy.operate.messages import Answer, Code, Do, LatchStatus, Request, Status
+from ori_deploy.operate.messages import MAY_MOVE, Answer, Code, Do, LatchStatus, Request, Status
 
 _EVENTS = {
     Event.HOLD: Do.PAUSE,
@@ -38,6 +39,11 @@ _ORDERS = {
 }
 """And in one that takes orders."""
 
+_SPAN_WORD = (
+    "the span may be folded; remedy: unfold it by hand, see that every hinge is straight, then say so for this "
+    "deployment, with `ori-deploy span-unfolded` or on the operator's page"
+)
+
 
 class Operable(Protocol):
     """What the desk needs of a controller."""
@@ -49,6 +55,10 @@ class Operable(Protocol):
     @property
     def fault(self) -> Fault | None:
         """Its latched fault."""
+
+    @property
+    def concern(self) -> Fault | None:
+        """What the motion is paused for, and becomes a fault if it lasts."""
 
     @property
     def under_way(self) -> bool:
@@ -73,14 +83,17 @@ class Orders(Protocol):
     def arm(self) -> None:
         """Hold where measured; nothing moves."""
 
-    def deploy(self) -> None:
-        """Begin to deploy."""
+    def deploy(self, *, span_unfolded: bool = False) -> None:
+        """Begin to deploy; `span_unfolded` is somebody's word for this deployment."""
 
     def stow(self) -> None:
         """Begin to stow."""
 
     def clear_fault(self) -> None:
         """Forget the latched fault."""
+
+    def span_is_unfolded(self) -> None:
+        """Somebody's word for it, for the next deployment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +168,7 @@ class Desk:
         self._noted = noted
         self._duration_s = float(plan.time_s[-1])
         self._stows = frozenset(plan.stow_stages)
+        self._secures = {latch.id: latch.secures for latch in rig.latches + rig.stow_locks}
         self._due = DueGoals(rig, bus)
         self._began, self._now = now, now
         self._last: CycleRecord | None = None
@@ -173,7 +187,9 @@ class Desk:
         if record.health is not None:
             self._temperature_c = _told(record.health.temperature_c, 1)
         if record.latches is not None:
-            self._latches = tuple(LatchStatus(one.id, one.engaged, one.confirmed) for one in record.latches)
+            self._latches = tuple(
+                LatchStatus(one.id, one.engaged, one.confirmed, self._secures.get(one.id)) for one in record.latches
+            )
 
     @property
     def fault(self) -> Fault | None:
@@ -185,7 +201,7 @@ class Desk:
         """Whether nothing moves and nothing is being worked on."""
         return not self._controller.under_way
 
-    def answer(self, request: Request, who: str) -> Answer:
+    def answer(self, request: Request, who: str, late: str | None = None) -> Answer:
         """Do what is asked, and say what became of it.
 
         Parameters
@@ -194,10 +210,17 @@ class Desk:
             What.
         who
             Whom an emergency stop names in the fault.
+        late
+            Why nobody counts on it any more: it is then not done where it may lead to a motion.
         """
         if request.do is Do.STATUS:
             return self.told(self.status())
-        answer = self._judged(request, who)
+        if late is not None and request.do in MAY_MOVE:
+            answer = self._refused(Code.TOO_LATE, late)
+        else:
+            answer = self._judged(request, who)
+        if self._controller.state is State.DISCONNECTED:
+            self._let_go()
         if self._noted is not None:
             self._noted(request, who, answer)
         return answer
@@ -208,10 +231,12 @@ class Desk:
         if refusal is not None:
             return self._refused(refusal.code, refusal.text)
         try:
-            answer = self._carry_out(request.do, who)
+            answer = self._carry_out(request, who)
         except IllegalCommand as refused:
             reason = str(refused).removeprefix(f"{refused.command}: ").partition("; allowed in ")[0]
             return self._refused(Code.NOT_NOW if self._controller.fault is None else Code.FAULT, reason)
+        except SpanMayBeFolded:
+            return self._refused(Code.SPAN_WORD, _SPAN_WORD)
         except OriDeployError as failed:
             return self._refused(Code.REFUSED, str(failed))
         if answer.took and request.do in (Do.DEPLOY, Do.STOW):
@@ -235,7 +260,8 @@ class Desk:
         """That it was taken, and how things are now."""
         return Answer(True, self._controller.state, self.at_rest, fault=self._fault(), status=status)
 
-    def _carry_out(self, do: Do, who: str) -> Answer:
+    def _carry_out(self, request: Request, who: str) -> Answer:
+        do = request.do
         if do is Do.PAUSE and self._controller.state is State.HOLD:
             return replace(self.told(), why="paused already")
         if do is Do.PAUSE:
@@ -249,14 +275,8 @@ class Desk:
             self._controller.emergency_stop(who)
         elif self._orders is None:
             return self._refused(Code.ONE_COMMAND, "this session was started for one command")
-        elif do is Do.ARM:
-            self._orders.arm()
-        elif do is Do.DEPLOY:
-            self._orders.deploy()
-        elif do is Do.STOW:
-            self._orders.stow()
         else:
-            self._orders.clear_fault()
+            _order(self._orders, request)
         return self.told()
 
     def _refused(self, code: Code, why: str) -> Answer:
@@ -268,9 +288,19 @@ class Desk:
     def _fault(self) -> str | None:
         return None if self._controller.fault is None else str(self._controller.fault)
 
+    def _let_go(self) -> None:
+        """Without a link nothing is known of the structure; what was counted stays true."""
+        self._latches, self._temperature_c = (), ()
+        if self._last is not None:
+            nowhere = replace(self._last.readings, current_a=np.empty(0))
+            self._last = replace(self._last, stage=None, commanded_fold=math.nan, folds=np.empty(0), readings=nowhere)
+
     def status(self) -> Status:
         """How things are."""
+        if self._controller.state is State.DISCONNECTED:
+            self._let_go()
         last, session = self._last, self._session
+        concern = self._controller.concern
         fold = rate = progress = remaining = None
         if last is not None and math.isfinite(last.commanded_fold):
             fold, rate = round(last.commanded_fold, 6), round(last.rate, 6)
@@ -301,6 +331,7 @@ class Desk:
             folds=() if last is None else _told(last.folds, 5),
             current_a=() if last is None else _told(last.readings.current_a, 3),
             temperature_c=self._temperature_c,
+            concern=None if concern is None else str(concern),
         )
 
     def _progress(self, path_time_s: float) -> tuple[float | None, float | None]:
@@ -309,6 +340,20 @@ class Desk:
             return None, None
         done = path_time_s if self.command == "deploy" else self._duration_s - path_time_s
         return round(100.0 * done / self._duration_s, 2), round(max(self._duration_s - done, 0.0), 3)
+
+
+def _order(orders: Orders, request: Request) -> None:
+    """Give an order."""
+    if request.do is Do.ARM:
+        orders.arm()
+    elif request.do is Do.DEPLOY:
+        orders.deploy(span_unfolded=request.span_unfolded)
+    elif request.do is Do.STOW:
+        orders.stow()
+    elif request.do is Do.SPAN_UNFOLDED:
+        orders.span_is_unfolded()
+    else:
+        orders.clear_fault()
 
 
 def _told(values: NDArray[np.float64], digits: int) -> tuple[float | None, ...]:

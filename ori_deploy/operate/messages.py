@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import MISSING, fields
 from enum import StrEnum, auto
 from json import dumps
 
@@ -12,7 +12,13 @@ from pydantic.dataclasses import dataclass
 from ori_deploy.deploy.states import State
 
 MAX_REQUEST_BYTES = 512
-"""Of a request with its newline; the longest that a client of ours sends has a tenth of it."""
+"""Of a request with its newline; the longest that a client of ours sends has a quarter of it."""
+
+LONGEST_WAIT_S = 1.0
+"""An order that may lead to a motion and waited longer than that is not carried out any more: who gave it has been
+told, or has concluded, that nothing came of it. Stops wait for as long as they have to."""
+_CLOCKS_S = 0.1
+"""No order was asked for that far in the future by a clock that is ours."""
 
 
 class BadRequest(ValueError):
@@ -31,19 +37,28 @@ class Do(StrEnum):
     STOW = auto()
     CLEAR_FAULT = auto()
     ARM = auto()
+    SPAN_UNFOLDED = auto()
+
+
+MAY_MOVE = frozenset({Do.ARM, Do.DEPLOY, Do.STOW, Do.RESUME, Do.CLEAR_FAULT, Do.SPAN_UNFOLDED})
+"""What begins a motion, or lets one begin."""
 
 
 class Code(StrEnum):
     """Why something was not done, for programs.
 
     NOT_NOW: not in this state. REFUSED: the controller does not know its place, or is not fit to move. FAULT: a
-    fault is latched. ONE_COMMAND: the session was started for one command. The rest are an interlock's.
+    fault is latched. ONE_COMMAND: the session was started for one command. SPAN_WORD: somebody's word is wanted that
+    the span is unfolded. TOO_LATE: it waited too long, or nobody waits for the answer any more. The rest are an
+    interlock's.
     """
 
     NOT_NOW = auto()
     REFUSED = auto()
     FAULT = auto()
     ONE_COMMAND = auto()
+    SPAN_WORD = auto()
+    TOO_LATE = auto()
     AIRBORNE = auto()
     LANDED_UNKNOWN = auto()
     ARMED = auto()
@@ -66,20 +81,47 @@ class Request:
         Whether a second answer is wanted, once the structure is at rest.
     force
         Whether an interlock is to be overridden, where that is allowed at all.
+    asked_s
+        When, on CLOCK_MONOTONIC, which is one for all programs of a machine; None where that is not told. An order
+        in `MAY_MOVE` is not carried out when it is older than `LONGEST_WAIT_S`.
+    span_unfolded
+        With a deployment: somebody's word, for this one alone, that a span in segments is unfolded.
+    keep
+        Whether the connection is wanted for a stop: it is the last to be dropped, and is told how the session ended.
     """
 
     do: Do
     wait: bool = False
     force: bool = False
+    asked_s: float | None = None
+    span_unfolded: bool = False
+    keep: bool = False
+
+
+STOW_POINT = "stow"
+"""As a rig calls what a lock of the stowed state secures."""
 
 
 @dataclass(frozen=True, slots=True)
 class LatchStatus:
-    """A latch as it was read last; `confirmed` is None where its sensor cannot tell."""
+    """A latch as it was read last.
+
+    Attributes
+    ----------
+    id
+        As in the rig.
+    engaged
+        Whether it is told to be closed.
+    confirmed
+        Whether its sensor says so; None where it cannot tell.
+    secures
+        The latch point of the design that it is on, or "stow"; None from older versions.
+    """
 
     id: str
     engaged: bool
     confirmed: bool | None
+    secures: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +156,9 @@ class Status:
         Whether it can be asked to arm, deploy and stow, instead of being started for one command.
     folds, current_a, temperature_c
         Measured fold of every cell; current and temperature of every actuator as read last. None where not known;
-        empty before the first reading, and from older versions.
+        empty before the first reading, without a link, and from older versions.
+    concern
+        What pauses the motion and becomes a fault if it lasts, as a hot servo does; None where there is nothing.
     """
 
     pid: int
@@ -142,6 +186,13 @@ class Status:
     folds: tuple[float | None, ...] = ()
     current_a: tuple[float | None, ...] = ()
     temperature_c: tuple[float | None, ...] = ()
+    concern: str | None = None
+
+    @property
+    def secured(self) -> tuple[int, int]:
+        """How many of the latches that secure the deployed state are confirmed, and how many there are."""
+        those = [one.confirmed is True for one in self.latches if one.secures != STOW_POINT]
+        return sum(those), len(those)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +215,8 @@ class Answer:
         Where that was asked.
     code
         Why it was not taken, for programs; None where it was, or where the line was no request.
+    last
+        Whether this answers nothing, but tells a connection that was kept how the session ended.
     """
 
     took: bool
@@ -174,6 +227,7 @@ class Answer:
     fault: str | None = None
     status: Status | None = None
     code: Code | None = None
+    last: bool = False
 
 
 _REQUESTS = TypeAdapter(Request)
@@ -191,8 +245,20 @@ def parse_request(line: bytes) -> Request:
 
 
 def request_line(request: Request) -> bytes:
-    """A request as it is sent."""
-    return dumps(asdict(request)).encode() + b"\n"
+    """A request as it is sent: what is as usual is left out, so that older versions take it, too."""
+    told = {"do": request.do}
+    for one in fields(request):
+        value = getattr(request, one.name)
+        if one.default is not MISSING and value != one.default:
+            told[one.name] = value
+    return dumps(told).encode() + b"\n"
+
+
+def too_late(request: Request, now: float) -> bool:
+    """Whether it is an order that may lead to a motion, and is too old for that, or of another clock."""
+    if request.do not in MAY_MOVE or request.asked_s is None:
+        return False
+    return not -_CLOCKS_S <= now - request.asked_s <= LONGEST_WAIT_S
 
 
 def parse_answer(line: bytes) -> Answer:

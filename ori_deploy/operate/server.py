@@ -2,7 +2,8 @@
 
 What a client can do to the control loop is bounded. Per cycle a few connections are taken, each is read once
 and has one request answered. A client that sends too long a line or does not read its answers is dropped, and
-with too many connections the oldest go, so that the next operator always gets through.
+with too many connections those go that were heard of least lately, so that the next operator always gets through.
+What may lead to a motion is not done when it has waited long, or nobody is there any more to hear what became of it.
 """
 
 from __future__ import annotations
@@ -12,19 +13,32 @@ import os
 import select
 import socket
 import struct
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from ori_deploy.errors import FileError
 from ori_deploy.operate.desk import Desk
-from ori_deploy.operate.messages import MAX_REQUEST_BYTES, Answer, BadRequest, answer_line, parse_request
+from ori_deploy.operate.messages import (
+    LONGEST_WAIT_S,
+    MAX_REQUEST_BYTES,
+    MAY_MOVE,
+    Answer,
+    BadRequest,
+    Request,
+    answer_line,
+    parse_request,
+    too_late,
+)
 from ori_deploy.operate.places import remove_stale, socket_path
 from ori_deploy.runtime_dir import runtime_dir
 
-MAX_CLIENTS = 8
+MAX_CLIENTS = 16
 ACCEPTS_PER_CYCLE = 8
+"""Fewer than clients: who comes is read once before others that come can take the place."""
 BACKLOG = 16
 READ_BYTES = 4096
 LONGEST_PATH = 107
@@ -37,12 +51,31 @@ log = logging.getLogger(__name__)
 
 @dataclass(eq=False, slots=True)
 class _Client:
-    """A connection; `who` names its process, `waiting` is set while it wants to hear of rest."""
+    """A connection.
+
+    `who` names its process, `waiting` is set while it wants to hear of rest, `kept` once it is wanted for a stop.
+    `cycle` is that in which it came or was heard last; `spoke` is set once it has said a whole line.
+    """
 
     link: socket.socket
     who: str
     heard: bytearray = field(default_factory=bytearray)
     waiting: bool = False
+    kept: bool = False
+    spoke: bool = False
+    cycle: int = 0
+
+    @property
+    def missed(self) -> tuple[bool, bool, bool, int]:
+        """By how much it would be missed."""
+        return self.kept, self.waiting, self.spoke, self.cycle
+
+    @property
+    def gone(self) -> bool:
+        """Whether nobody is at the other end, or nobody who says any more."""
+        poll = select.poll()
+        poll.register(self.link, select.POLLRDHUP)
+        return bool(poll.poll(0))
 
 
 class OperatorSocket:
@@ -52,6 +85,8 @@ class OperatorSocket:
     ----------
     desk
         Answers what is asked.
+    now
+        CLOCK_MONOTONIC, by which clients tell when they asked.
 
     Raises
     ------
@@ -61,8 +96,9 @@ class OperatorSocket:
         It cannot be made there.
     """
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, desk: Desk, now: Callable[[], float] = time.monotonic) -> None:
+        self._desk, self._now = desk, now
+        self._cycle = 0
         folder = runtime_dir()
         remove_stale(folder)
         self.path: Path = socket_path(folder, os.getpid())
@@ -103,11 +139,13 @@ class OperatorSocket:
             self._shut()
 
     def close(self) -> None:
-        """Tell those who wait how things are now, if at rest, and remove the socket. Safe to call twice."""
+        """Tell those who wait how things are now, if at rest, and those who stay how the session ended; then
+        remove the socket. Safe to call twice."""
         if not self.listening:
             return
         try:
             self._tell_waiting()
+            self._tell_last()
         finally:
             self._shut()
 
@@ -122,6 +160,7 @@ class OperatorSocket:
     # -- one cycle -----------------------------------------------------------------------------------
 
     def _serve(self) -> None:
+        self._cycle += 1
         self._tell_waiting()
         ready = {fd for fd, _ in self._poll.poll(0)}
         if self._listener.fileno() in ready:
@@ -154,15 +193,17 @@ class OperatorSocket:
                 new.discard(gone.link.fileno())
                 self._drop(gone)
             link.setblocking(False)
+            client.cycle = self._cycle
             self._clients[link.fileno()] = client
             self._poll.register(link, select.POLLIN)
             new.add(link.fileno())
         return new
 
     def _least_missed(self) -> _Client:
-        """The oldest of those who do not wait for rest, else the oldest."""
+        """Who can go: not those of this cycle, who have not been heard yet, while there are others."""
         clients = self._clients.values()
-        return next((one for one in clients if not one.waiting), next(iter(clients)))
+        others = [one for one in clients if one.cycle < self._cycle]
+        return min(others or clients, key=lambda one: one.missed)
 
     def _hear(self, client: _Client) -> bool:
         """Read what there is; False when the client is gone."""
@@ -173,6 +214,7 @@ class OperatorSocket:
         except OSError:
             return False
         client.heard += data
+        client.cycle = self._cycle
         return bool(data)
 
     def _attend(self, client: _Client) -> bool:
@@ -189,9 +231,18 @@ class OperatorSocket:
             request = parse_request(line)
         except BadRequest as wrong:
             return self._send(client, Answer(False, why=f"not a request: {wrong}"))
-        answer = self._desk.answer(request, client.who)
+        client.spoke, client.kept = True, client.kept or request.keep
+        answer = self._desk.answer(request, client.who, self._late(request, client))
         client.waiting = request.wait and answer.took
         return self._send(client, answer)
+
+    def _late(self, request: Request, client: _Client) -> str | None:
+        """Why nobody counts on it any more that something is done; None where somebody may."""
+        if request.do not in MAY_MOVE:
+            return None
+        if too_late(request, self._now()):
+            return f"it was asked for more than {LONGEST_WAIT_S:g} s ago; see how things are, and ask again"
+        return "who asked for it has hung up" if client.gone else None
 
     def _tell_waiting(self) -> None:
         """The second answer, to those who wanted to hear of rest."""
@@ -201,6 +252,14 @@ class OperatorSocket:
             client.waiting = False
             if not self._send(client, self._desk.told()):
                 self._drop(client)
+
+    def _tell_last(self) -> None:
+        """To connections that are kept: how things are at the end."""
+        kept = [one for one in self._clients.values() if one.kept]
+        if kept:
+            answer = replace(self._desk.told(self._desk.status()), last=True)
+            for client in kept:
+                self._send(client, answer)
 
     def _send(self, client: _Client, answer: Answer) -> bool:
         """Send all of an answer at once; False when there is no room for it, or nobody there."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import select
+import signal
 import socket
 import sys
 import threading
@@ -22,6 +23,7 @@ from ori_deploy.operate.places import socket_path
 from ori_deploy.page.channel import Channel
 from ori_deploy.page.door import Door
 from ori_deploy.page.line import Lines
+from ori_deploy.page.listening import listening
 from ori_deploy.page.live import Live
 from ori_deploy.page.site import serve
 from ori_deploy.page.sources import design_with
@@ -37,6 +39,8 @@ def main(words: list[str]) -> int:
     logging.basicConfig(level=logging.CRITICAL)
     end = socket.socket(fileno=int(words[0]))
     how: dict[str, Any] = json.loads(words[1])
+    # Born deaf, as all that a controller starts: but a page that lingers must be possible to end.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     sys.setswitchinterval(_TURN_S)
     try:
         channel, live, address = _page(how)
@@ -53,10 +57,11 @@ def _page(how: dict[str, Any]) -> tuple[Channel, Live, str]:
     plan_path = Path(how["plan"])
     plan = load_plan(plan_path)
     design = design_with(plan.design_sha256, plan_path, None if how["design"] is None else Path(how["design"]))
-    door = Door.on(how["host"], beyond_loopback=how["beyond_loopback"])
+    door = Door.on(how["host"], beyond_loopback=how["beyond_loopback"], option="--view-host")
     lines = Lines(socket_path(runtime_dir(), int(how["pid"])))
     channel = Channel(lines)
-    server = serve(door, int(how["port"]), design.name, channel)
+    ear = listening(door.host, how["port"], ("--view-host", "--view-port"))
+    server = serve(door, ear, design.name, channel)
     return channel, Live(server, lines, channel, design, plan), door.address(server.get_port())
 
 

@@ -12,6 +12,7 @@ from ori_deploy.design import ConeStructure
 from ori_deploy.files import Design
 from ori_deploy.motion import CREASES, NEXT_CREASE
 from ori_deploy.page.solids import SAGITTA, Lift, Solid
+from ori_deploy.profiles.cone import Cone
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.view.ink import SLIT, cell_colour, edge_colour
 
@@ -94,6 +95,10 @@ class Content:
         How many pieces the span is cut into; all show the same.
     segment_m
         Length of a piece.
+    cone
+        Whether it is one: its outer end is then no plane.
+    seen
+        (3, 3) rows: to the right, up, and towards an eye that looks along the axis at the outer end.
     """
 
     panels: tuple[Panel, ...]
@@ -102,11 +107,14 @@ class Content:
     latches: tuple[Latch, ...]
     segments: int
     segment_m: float
+    cone: bool
+    seen: Reals
 
     @property
     def bodies(self) -> tuple[int, ...]:
-        """Numbers of the rigid bodies; each is that of a panel which is part of it."""
-        return tuple(sorted({panel.body for panel in self.panels}))
+        """Numbers of the rigid bodies that carry something; each is that of a panel which is part of it."""
+        carried: tuple[Panel | Line | Latch, ...] = (*self.panels, *self.creases, *self.slits, *self.latches)
+        return tuple(sorted({one.body for one in carried}))
 
 
 def lift_of(design: Design) -> Lift:
@@ -126,7 +134,23 @@ def content_of(design: Design) -> Content:
         latches=_latches(design, lift),
         segments=design.span_segments,
         segment_m=lift.high_m - lift.low_m,
+        cone=isinstance(design.structure, ConeStructure),
+        seen=_seen(design),
     )
+
+
+def _seen(design: Design) -> Reals:
+    return seen_along(design.structure.profile) if isinstance(design.structure, ConeStructure) else np.eye(3)
+
+
+def seen_along(cone: Cone) -> Reals:
+    """(3, 3) right, up and towards an eye on the middle of a cone's rays; y is up as far as that goes."""
+    axis = cone.to_user(cone.point(np.linspace(0.0, cone.period, 256, endpoint=False))).mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    up = np.array([0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [0.0, 0.0, -1.0])
+    right = np.cross(up, axis)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(axis, right), axis])
 
 
 def _panels(design: Design, lift: Lift) -> tuple[Panel, ...]:
@@ -185,7 +209,7 @@ def _slits(design: Design, lift: Lift) -> tuple[Line, ...]:
 
 
 def _latches(design: Design, lift: Lift) -> tuple[Latch, ...]:
-    """A slit's latch halfway along it, on one of its faces; that of a cell at its first opening crease."""
+    """At the end that one looks at, where it can be seen: of a slit, or of a cell's first opening crease."""
     layout, ends = design.structure.layout, _vertices(design, lift)
     tail, head = layout.corners.ravel(), np.roll(layout.corners, -1, axis=1).ravel()
     on_slit = {frozenset((int(tail[p]), int(head[p]))): int(p) for p in np.flatnonzero(layout.is_slit)}
@@ -195,8 +219,8 @@ def _latches(design: Design, lift: Lift) -> tuple[Latch, ...]:
     for point in layout.latch_points:
         if point in slits:
             p = on_slit[slits[point]]
-            made.append(Latch(point, int(layout.bodies[p]), ends[:, [tail[p], head[p]]].mean(axis=(0, 1))))
+            made.append(Latch(point, int(layout.bodies[p]), ends[1, [tail[p], head[p]]].mean(axis=0)))
         else:
             crease = creases[4 * layout.cell_ids.index(point.removeprefix("cell:"))]
-            made.append(Latch(point, crease.body, crease.segments.mean(axis=(0, 1))))
+            made.append(Latch(point, crease.body, crease.segments[0, 1]))
     return tuple(made)

@@ -10,12 +10,12 @@ import numpy as np
 
 from ori_deploy.motion import CREASES, Linkage
 from ori_deploy.motion.poses import Placement
-from ori_deploy.page.timeline import Timeline, rows_of
+from ori_deploy.page.thinning import Flags, thinned
+from ori_deploy.page.timeline import Timeline, busy_in
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import Run
 from ori_deploy.view.ink import cell_colour
 
-_MOST = 400
 _CREASE_COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#e69f00")
 ALL_CELLS = "all cells"
 
@@ -48,12 +48,12 @@ class Curves:
 
 def crease_curves(mechanism: Linkage[Placement], timeline: Timeline, cell: str, *, over_fold: bool) -> Curves:
     """Angles of the creases of one cell, or of the first closing crease of every cell."""
-    rows = np.unique(np.linspace(0, len(timeline.time_s) - 1, _MOST).astype(int))
-    fold = timeline.fold[rows]
+    # Angles only grow or fall with the fold: where that is lowest or highest, so are they.
+    x, fold = thinned(timeline.time_s, timeline.fold, timeline.busy)
     if over_fold:
-        fold = np.repeat(np.linspace(0.0, 1.0, 201)[:, None], mechanism.n_cells, axis=1)
+        x = np.linspace(0.0, 1.0, 201)
+        fold = np.repeat(x[:, None], mechanism.n_cells, axis=1)
     angles = np.degrees(mechanism.four_bars.angles(fold))
-    x = fold[:, 0] if over_fold else timeline.time_s[rows]
     ids, n = mechanism.layout.cell_ids, mechanism.n_cells
     across = "fold" if over_fold else "time (s)"
     if cell in ids:
@@ -73,18 +73,18 @@ def crease_curves(mechanism: Linkage[Placement], timeline: Timeline, cell: str, 
 
 def flown_curves(run: Run) -> tuple[Curves, ...]:
     """Current and temperature of every actuator in a log."""
-    rows = np.array(rows_of(run))
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST).astype(int))]
     names = tuple(str(name) for name in run.info["hinge_ids"])
-    colours = tuple(cell_colour(i, len(names)) for i in range(len(names)))
-    begin = run.time_s[0]
-    made = [_of("servo current (A)", run.time_s[rows] - begin, run.current_a[rows], names, colours)]
+    busy, begin = busy_in(run), run.time_s[0]
+    made = [_of("servo current (A)", run.time_s - begin, run.current_a, busy, names)]
     if len(run.health_time_s) > 1:
-        made.append(_of("temperature (°C)", run.health_time_s - begin, run.temperature_c, names, colours))
+        now = np.clip(np.searchsorted(run.time_s, run.health_time_s), 0, len(busy) - 1)
+        made.append(_of("temperature (°C)", run.health_time_s - begin, run.temperature_c, busy[now], names))
     return tuple(made)
 
 
-def _of(title: str, x: Reals, y: Reals, names: tuple[str, ...], colours: tuple[str, ...]) -> Curves:
+def _of(title: str, time_s: Reals, values: Reals, busy: Flags, names: tuple[str, ...]) -> Curves:
+    x, y = thinned(time_s, values, busy)
+    colours = tuple(cell_colour(k, len(names)) for k in range(len(names)))
     return Curves(title, "time (s)", x, names, colours, tuple(y[:, k] for k in range(len(names))))
 
 

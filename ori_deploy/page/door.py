@@ -26,11 +26,13 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from ori_deploy.errors import InputError
+from ori_deploy.page.listening import LOOPBACK, own_host
 
 CHANNEL = "operate"
 """The last part of the path of the operator's own socket, beside the one of the scene."""
 
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1", "[::1]"})
+_MOST_MESSAGES = 1 << 14
+"""That go to a browser in one piece."""
 
 Channel = Callable[[ServerConnection], Awaitable[None]]
 
@@ -51,26 +53,22 @@ class Door:
     host: str
 
     @classmethod
-    def on(cls, host: str, *, beyond_loopback: bool = False, token: str | None = None) -> Door:
-        """A door with a new secret.
+    def on(
+        cls, host: str, *, beyond_loopback: bool = False, token: str | None = None, option: str = "--host"
+    ) -> Door:
+        """A door with a new secret; `option` is the one that gave the host.
 
         Raises
         ------
         InputError
             Not on loopback, and nobody said so on purpose.
         """
-        if host not in LOOPBACK and not beyond_loopback:
-            raise InputError(
-                "--host: other machines could command the structure",
-                value=host,
-                limit="127.0.0.1",
-                remedy="say --beyond-loopback, and give the address with its token to nobody else",
-            )
-        return cls(secrets.token_urlsafe(18) if token is None else token, host)
+        bare = own_host(host, beyond_loopback=beyond_loopback, option=option)
+        return cls(secrets.token_urlsafe(18) if token is None else token, bare)
 
     def address(self, port: int) -> str:
         """What to open in a browser."""
-        host = f"[{self.host}]" if ":" in self.host and not self.host.startswith("[") else self.host
+        host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{port}/{self.token}"
 
     def refuses(self, path: str, host: str | None, origin: str | None) -> str | None:
@@ -83,34 +81,43 @@ class Door:
         host, origin
             Its headers of these names. Browsers send an origin with every websocket, programs none.
         """
-        given = urlsplit(path).path.strip("/").split("/")[0]
-        if not hmac.compare_digest(given.encode(), self.token.encode()):
+        given = _path(path).split("/")[0]
+        if not hmac.compare_digest(given.encode(errors="replace"), self.token.encode()):
             return "the address lacks the token that was printed when the page began"
-        name = urlsplit(f"//{host or ''}").hostname
+        try:
+            name = urlsplit(f"//{host or ''}").hostname
+            from_where = None if origin is None else urlsplit(origin).netloc
+        except ValueError:
+            return "asked for in a way that no browser would"
         if self.host in LOOPBACK and (name is None or f"{name}" not in LOOPBACK):
             return "asked for under another name"  # some site's name that leads to loopback
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and from_where != host:
             return "asked for by another site's page"
         return None
 
 
 def part_of(path: str) -> str:
     """What comes after the token."""
-    return urlsplit(path).path.strip("/").partition("/")[2]
+    return _path(path).partition("/")[2]
+
+
+def _path(target: str) -> str:
+    """What a request asks for, without what follows a question mark; never a host, whatever stands there."""
+    return target.partition("?")[0].partition("#")[0].strip("/")
 
 
 @contextmanager
-def _behind(door: Door, page: bytes, channel: Channel | None) -> Iterator[list[Door]]:
-    """Until the end of the block a websocket server that is started stands behind the door.
+def _behind(door: Door, ear: socket.socket, page: bytes, channel: Channel | None) -> Iterator[list[Door]]:
+    """Until the end of the block a websocket server that is started stands behind the door, and uses our ear.
 
-    viser has no place to put one; it starts its server with this function. The list that is yielded is empty until it
-    has done so.
+    viser has no place to put either; it starts its server with this function, and looks for a port on its own, with
+    neither an end nor a word. The list that is yielded is empty until it has done so.
     """
     stands: list[Door] = []
     real = websockets.asyncio.server.serve
 
-    def serve(handler: Callable[[ServerConnection], Awaitable[None]], *words: Any, **how: Any) -> Any:
-        del how["process_request"]
+    def serve(handler: Callable[[ServerConnection], Awaitable[None]], *where: Any, **how: Any) -> Any:
+        del where, how["process_request"]
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             del connection
@@ -132,7 +139,7 @@ def _behind(door: Door, page: bytes, channel: Channel | None) -> Iterator[list[D
                 await channel(connection)
 
         stands.append(door)
-        return real(handle, *words, process_request=answer, **how)
+        return real(handle, sock=ear, process_request=answer, **how)
 
     websockets.asyncio.server.serve = serve  # type: ignore[assignment, misc]
     try:
@@ -155,18 +162,22 @@ def _text(status: http.HTTPStatus, body: bytes, kind: str) -> Response:
     return Response(status.value, status.phrase, headers, body)
 
 
-def open_server(door: Door, port: int, page: bytes, channel: Channel | None = None) -> viser.ViserServer:
+def open_server(door: Door, ear: socket.socket, page: bytes, channel: Channel | None = None) -> viser.ViserServer:
     """A viser server behind a door; an operator's own socket beside it.
+
+    Parameters
+    ----------
+    ear
+        What `listening` made.
 
     Raises
     ------
     InputError
-        It cannot listen there.
+        This viser cannot be guarded.
     """
-    _refuse_elsewhere(door.host)
     rich.get_console().quiet = True  # its banner tells an address that is refused
-    with _behind(door, page, channel) as stands:
-        server = viser.ViserServer(host=door.host, port=port, verbose=False)
+    with _behind(door, ear, page, channel) as stands:
+        server = viser.ViserServer(host=door.host, port=ear.getsockname()[1], verbose=False)
     if not stands:
         server.stop()
         raise InputError(
@@ -175,16 +186,7 @@ def open_server(door: Door, port: int, page: bytes, channel: Channel | None = No
     # Any browser could ask viser to put the page on the internet.
     for kind in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(kind)
+    # viser tears what is sent as one into pieces of 128 messages, and a browser draws in between: a pose of 24 cells
+    # is more than that.
+    server._websock_server.get_message_buffer().max_window_size = _MOST_MESSAGES
     return server
-
-
-def _refuse_elsewhere(host: str) -> None:
-    """Raise `InputError` for a host that is not this machine: viser would go on trying without an end."""
-    try:
-        kind, _, _, _, place = socket.getaddrinfo(host.strip("[]"), 0, type=socket.SOCK_STREAM)[0]
-        with socket.socket(kind) as probe:
-            probe.bind(place)
-    except OSError as wrong:
-        raise InputError(
-            "--host: cannot listen there", value=host, limit="an address of this machine", remedy="127.0.0.1"
-        ) from wrong

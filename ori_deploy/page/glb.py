@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
+from ori_deploy.page.content import Rgb
 from ori_deploy.page.solids import Solid
 from ori_deploy.profiles.profile import Reals
 
@@ -15,10 +17,21 @@ _LIGHT = np.array([-0.35, 0.8, 0.5])
 _SHADE = 0.74
 """How bright a face is that is turned away from it."""
 
+_ROD = np.array(
+    [[k, (k + 1) % 4, 4 + (k + 1) % 4] for k in range(4)]
+    + [[k, 4 + (k + 1) % 4, 4 + k] for k in range(4)]
+    + [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
+)
+"""Corners of the triangles of a rod: four round one end, then four round the other."""
+
 _FLOAT, _BUFFER, _TRIANGLES = 5126, 34962, 4
 
 
-def painted(solid: Solid, rgb: tuple[int, int, int]) -> bytes:
+Paint = tuple[Reals, Reals]
+"""Corners (3 m, 3) of m triangles, and their colours."""
+
+
+def painted(solid: Solid, rgb: Rgb) -> Paint:
     """A body in one colour, its faces as bright as the light makes them when it is deployed."""
     corners = solid.vertices[solid.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -26,7 +39,25 @@ def painted(solid: Solid, rgb: tuple[int, int, int]) -> bytes:
     facing = normal @ _LIGHT / (np.linalg.norm(_LIGHT) * np.where(length > 0.0, length, 1.0))
     bright = _SHADE + (1.0 - _SHADE) * np.clip(facing, 0.0, 1.0)
     colour = _linear(bright[:, None] * np.array(rgb) / 255.0)
-    return glb(corners.reshape(-1, 3), np.repeat(colour, 3, axis=0))
+    return corners.reshape(-1, 3), np.repeat(colour, 3, axis=0)
+
+
+def rods(ends: Reals, rgb: Rgb, radius_m: float) -> Paint:
+    """Lines (n, 2, 3) as rods with four sides: part of the body that carries them, and no object of their own."""
+    along = ends[:, 1] - ends[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    other = np.where(np.abs(along[:, [1]]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+    right = np.cross(other, along)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    round_ = radius_m * np.stack([right, np.cross(along, right), -right, -np.cross(along, right)], axis=1)
+    corners = (ends[:, :, None] + round_[:, None]).reshape(-1, 8, 3)
+    triangles = corners[:, _ROD].reshape(-1, 3)
+    return triangles, np.repeat(_linear(np.array([rgb]) / 255.0), len(triangles), axis=0)
+
+
+def body(paints: Sequence[Paint]) -> bytes:
+    """All of it as one object."""
+    return glb(np.concatenate([points for points, _ in paints]), np.concatenate([colours for _, colours in paints]))
 
 
 def _linear(colour: Reals) -> Reals:

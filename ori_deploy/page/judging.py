@@ -1,4 +1,4 @@
-"""What touches what at one pose: interference with its depth, and the smallest clearance."""
+"""What touches what at one pose: interference with its depth, of panels and of span segments, and the clearance."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ori_deploy.motion import Collision, Interference, Linkage
+from ori_deploy.motion import Collision, Interference, Linkage, SpanFolding
 from ori_deploy.motion.contact import Indices
+from ori_deploy.motion.spanwise_contact import SegmentCollision
 from ori_deploy.profiles.profile import Reals
 
 _MOST = 6
-"""Collisions whose depth is told; where everything crosses everything, nobody reads more."""
+"""Collisions whose depth is told, the deepest; where everything crosses everything, nobody reads more."""
 
 _PROBED = (0.2, 0.5, 0.8)
 _BATCH = 128
@@ -27,19 +28,26 @@ class Verdict:
     Attributes
     ----------
     collisions
-        Deepest first.
+        The deepest, deepest first.
     clearance_m, clearance_panels
         The smallest distance between two panels that are not joined; None where there are no such.
+    others
+        Pairs that reach into each other besides, none deeper.
+    segments
+        The deepest collision of two span segments, or None.
     """
 
     collisions: tuple[Collision, ...]
     clearance_m: float | None
     clearance_panels: tuple[str, str]
+    others: tuple[tuple[str, str], ...] = ()
+    segments: SegmentCollision | None = None
 
     @property
     def red(self) -> frozenset[str]:
-        """Panels that reach into each other."""
-        return frozenset(name for one in self.collisions for name in one.panels)
+        """All panels that reach into another one."""
+        told = (one.panels for one in self.collisions)
+        return frozenset(name for pair in (*told, *self.others) for name in pair)
 
 
 @dataclass(frozen=True)
@@ -50,9 +58,12 @@ class Judge:
     ----------
     mechanism
         Whose.
+    span
+        How it folds across the span; None where that is in one piece.
     """
 
     mechanism: Linkage[Any]
+    span: SpanFolding | None = None
 
     @cached_property
     def _interference(self) -> Interference:
@@ -70,17 +81,32 @@ class Judge:
             always &= i.contact.distances(poses, at, *i.pairs[:, pairs]) <= 1e-9 * self.mechanism.size_m
         return np.asarray(pairs[~always])
 
-    def judge(self, fold: ArrayLike) -> Verdict:
-        """At one fold per cell (n_cells,)."""
+    def judge(self, fold: ArrayLike, span_folded: float = 0.0) -> Verdict:
+        """At one fold per cell (n_cells,), and the span folded from 0, straight, to 1."""
         row = np.asarray(fold, dtype=float)
-        i, ids = self._interference, self.mechanism.layout.panel_ids
-        deep = [
-            Collision((ids[a], ids[b]), tuple(row.tolist()), i.depth_m(row, int(pair)))
-            for pair in i.touching(row)[:_MOST]
-            for a, b in [i.pairs[:, pair]]
-        ]
+        i = self._interference
+        deep, others = i.deepest(row, i.touching(row), _MOST)
+        told = [Collision(self._ids(pair), tuple(row.tolist()), i.depth_m(row, int(pair))) for pair in deep]
         distance, panels = self._clearance(row)
-        return Verdict(tuple(sorted(deep, key=lambda one: -one.depth_m)), distance, panels)
+        return Verdict(
+            tuple(sorted(told, key=lambda one: -one.depth_m)),
+            distance,
+            panels,
+            tuple(self._ids(pair) for pair in others),
+            self._segments(span_folded),
+        )
+
+    def _segments(self, folded: float) -> SegmentCollision | None:
+        """Segments of which one reaches into another, as `plan` judges them: by the boxes round slices of each."""
+        if self.span is None or folded <= 0.0:
+            return None  # side by side they share nothing but their ends
+        angles = np.full((1, self.span.segments - 1), np.pi * folded)
+        return self.span.chain.first_collision(angles, between=False)
+
+    def _ids(self, pair: np.intp) -> tuple[str, str]:
+        ids = self.mechanism.layout.panel_ids
+        a, b = self._interference.pairs[:, pair]
+        return ids[a], ids[b]
 
     def _clearance(self, row: Reals) -> tuple[float | None, tuple[str, str]]:
         """Nearest first by the boxes round them, until the boxes are farther apart than the nearest panels."""

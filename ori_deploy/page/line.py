@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import threading
 from contextlib import suppress
@@ -12,32 +13,59 @@ from ori_deploy.operate.messages import Answer, Do, Request, parse_answer, reque
 
 PATIENCE_S = 2.0
 """How long an answer may take: a controller looks at its socket once per cycle."""
+STATUS_PATIENCE_S = 0.5
+"""And how long until the page says that none comes."""
 
 _READ_BYTES = 1 << 16
 
 
 class LineLost(OriDeployError):
-    """Nobody answers at the other end."""
+    """Nobody answers at the other end.
+
+    Attributes
+    ----------
+    ended
+        Whether nobody is there at all; otherwise it hangs, and may be moving.
+    last
+        What it said when it ended, if it did.
+    """
+
+    def __init__(self, text: str, *, ended: bool = False, last: Answer | None = None) -> None:
+        super().__init__(text)
+        self.ended, self.last = ended, last
 
 
 class Line:
-    """One connection to an operator's socket, opened again when it was lost.
+    """One connection to an operator's socket, opened again when it was dropped.
 
-    Only for what may be asked twice without harm.
+    An answer that did not come in time is waited for again by the next request: to open more connections to a
+    controller that hangs would only use up the few that it has room for.
 
     Parameters
     ----------
     path
         The socket.
+    patience_s
+        How long an answer may take.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, patience_s: float = PATIENCE_S) -> None:
+        self._path, self._patience_s = path, patience_s
         self._link: socket.socket | None = None
+        self._heard = b""
+        self._owed = 0  # answers that were not waited for to their end
+        self._last: Answer | None = None
         self._turn = threading.Lock()
 
-    def ask(self, do: Do) -> Answer:
-        """Ask, and once more over a new connection where the old one was dropped.
+    def ask(self, request: Request, *, again: bool = False) -> Answer:
+        """Ask, and once more over a new connection where the old one was dropped; never again after a silence.
+
+        Parameters
+        ----------
+        request
+            What.
+        again
+            Whether it is the same wish as before: an answer that is still owed is then answer enough.
 
         Raises
         ------
@@ -45,28 +73,48 @@ class Line:
             Nobody answers.
         """
         with self._turn:
-            fresh = self._link is None
+            stood = self._link is not None
             try:
-                return self._ask(do)
+                return self._ask(request, again)
             except (OSError, ValueError) as wrong:
                 self._drop()
-                if fresh:
-                    raise LineLost(str(wrong)) from wrong
+                if not stood:
+                    raise self._lost(wrong) from wrong
             try:
-                return self._ask(do)
+                return self._ask(request, again)
             except (OSError, ValueError) as wrong:
                 self._drop()
-                raise LineLost(str(wrong)) from wrong
+                raise self._lost(wrong) from wrong
+
+    def stand(self) -> None:
+        """Open it where it does not stand; what is asked meanwhile does not wait for that."""
+        if self._link is not None and not _hung_up(self._link):
+            return
+        new = Line(self._path, self._patience_s)
+        try:
+            new.ask(Request(Do.STATUS, keep=True))
+        except LineLost:
+            new.close()
+            return
+        with self._turn:
+            if self._link is None or _hung_up(self._link):
+                self._drop()
+                self._link, new._link = new._link, None
+        new.close()
 
     def close(self) -> None:
         """Let go of it."""
         with self._turn:
             self._drop()
 
+    def _lost(self, wrong: Exception) -> LineLost:
+        ended = isinstance(wrong, ConnectionRefusedError | FileNotFoundError)
+        return LineLost(str(wrong), ended=ended, last=self._last if ended else None)
+
     def _connected(self) -> socket.socket:
         if self._link is None:
             link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            link.settimeout(PATIENCE_S)
+            link.settimeout(self._patience_s)
             try:
                 link.connect(str(self._path))
             except OSError:
@@ -75,22 +123,65 @@ class Line:
             self._link = link
         return self._link
 
-    def _ask(self, do: Do) -> Answer:
-        link = self._connected()
-        link.sendall(request_line(Request(do)))
-        heard = b""
-        while not heard.endswith(b"\n"):
+    def _ask(self, request: Request, again: bool) -> Answer:
+        try:
+            link = self._connected()
+            self._catch_up(link)
+            if not (again and self._owed):
+                self._send(link, request)
+                self._owed += 1
+            while self._owed > 1:
+                self._answer(link)
+            return self._answer(link)
+        except (TimeoutError, BlockingIOError) as silent:  # the latter where too many wait to be let in
+            raise LineLost(f"no answer within {self._patience_s:g} s") from silent
+
+    def _send(self, link: socket.socket, request: Request) -> None:
+        try:
+            link.sendall(request_line(request))
+        except TimeoutError:
+            raise
+        except OSError:  # it has let go: perhaps not without a word
+            with suppress(OSError, ValueError):
+                while True:
+                    self._answer(link)
+            raise
+
+    def _answer(self, link: socket.socket) -> Answer:
+        """The next answer; raises `ConnectionResetError` where it is the last word."""
+        while b"\n" not in self._heard:
             data = link.recv(_READ_BYTES)
             if not data:
                 raise ConnectionResetError("the controller has let go of the line")
-            heard += data
-        return parse_answer(heard)
+            self._heard += data
+        line, _, self._heard = self._heard.partition(b"\n")
+        answer = parse_answer(line)
+        if answer.last:
+            self._last = answer
+            raise ConnectionResetError("the controller has ended")
+        self._owed -= 1
+        return answer
+
+    def _catch_up(self, link: socket.socket) -> None:
+        """Read answers that came too late for who asked: they tell how things were."""
+        while self._owed and (b"\n" in self._heard or select.select([link], [], [], 0.0)[0]):
+            self._answer(link)
 
     def _drop(self) -> None:
         if self._link is not None:
             with suppress(OSError):
                 self._link.close()
-            self._link = None
+        self._link, self._heard, self._owed = None, b"", 0
+
+
+def _hung_up(link: socket.socket) -> bool:
+    """Whether the other end has let go; waits for nothing and says nothing."""
+    poll = select.poll()
+    try:
+        poll.register(link, select.POLLRDHUP)
+        return bool(poll.poll(0))
+    except (OSError, ValueError):  # let go of here meanwhile
+        return True
 
 
 class Lines:
@@ -104,13 +195,13 @@ class Lines:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._stop, self._status = Line(path), Line(path)
+        self._stop, self._status = Line(path), Line(path, STATUS_PATIENCE_S)
 
     def status(self) -> Answer:
-        """How the controller is. Raises `LineLost`."""
-        return self._status.ask(Do.STATUS)
+        """How the controller is. Raises `LineLost`, with its last word where it has ended."""
+        return self._status.ask(Request(Do.STATUS, keep=True), again=True)
 
-    def order(self, do: Do) -> Answer:
+    def order(self, request: Request) -> Answer:
         """Ask for something else than a stop, over a line of its own, and never twice.
 
         An order whose answer was lost may have been carried out, and countermanded since by somebody else.
@@ -122,18 +213,17 @@ class Lines:
         """
         line = Line(self._path)
         try:
-            return line.ask(do)
+            return line.ask(request)
         finally:
             line.close()
 
-    def stop(self) -> Answer:
-        """As fast as can be. Raises `LineLost`."""
-        return self._stop.ask(Do.ESTOP)
+    def stop(self, *, again: bool = False) -> Answer:
+        """As fast as can be. Raises `LineLost`: unless nobody is there, it may yet be carried out."""
+        return self._stop.ask(Request(Do.ESTOP), again=again)
 
     def keep_stop_open(self) -> None:
-        """See that the stop's line stands: with many clients a controller drops those it has heard least of."""
-        with suppress(LineLost):
-            self._stop.ask(Do.STATUS)
+        """See that the stop's line stands: with many clients a controller may have dropped it."""
+        self._stop.stand()
 
     def close(self) -> None:
         """Let go of all."""

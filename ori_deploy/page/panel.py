@@ -12,6 +12,7 @@ import viser.uplot as uplot
 from ori_deploy.page.content import CREASE_COLOURS, SLIT_COLOUR, Content, Rgb
 from ori_deploy.page.curves import Curves
 from ori_deploy.page.judging import Verdict
+from ori_deploy.page.latches import NAMES
 from ori_deploy.page.shown import LATCH_COLOURS
 from ori_deploy.view.ink import FAINT, INK, SLIT
 
@@ -35,21 +36,44 @@ def verdict_html(verdict: Verdict) -> str:
             for one in verdict.collisions
             for a, b in [one.panels]
         )
+        if verdict.others:
+            n = len(verdict.others)
+            more = f"and {n} more pair{'s' if n > 1 else ''}, none deeper"
+            rows += f'<tr><td colspan="3" style="color:{FAINT}">{more}</td></tr>'
         return (
             f'<div style="{_BOX}"><b style="color:{SLIT}">Panels reach into each other</b>'
             f'<table style="width:100%;border-collapse:collapse"><tr style="color:{FAINT};text-align:left">'
             f'<th>panel</th><th>in</th><th style="text-align:right">depth</th></tr>{rows}</table></div>'
         )
     if verdict.clearance_m is None:
-        return f'<div style="{_BOX}">No interference.</div>'
+        return f'<div style="{_BOX}">No interference of panels.</div>'
     a, b = verdict.clearance_panels
     if verdict.clearance_m < TOUCH_M:
         told = f"Panels lie against each other, as {escape(a)} and {escape(b)} do."
-        return f'<div style="{_BOX}">No interference. {told}</div>'
+        return f'<div style="{_BOX}">No interference of panels. {told}</div>'
     return (
-        f'<div style="{_BOX}">No interference. Smallest clearance <b>{_MM * verdict.clearance_m:.2f} mm</b>, '
-        f"{escape(a)} to {escape(b)}.</div>"
+        f'<div style="{_BOX}">No interference of panels. Smallest clearance '
+        f"<b>{_MM * verdict.clearance_m:.2f} mm</b>, {escape(a)} to {escape(b)}.</div>"
     )
+
+
+def span_html(verdict: Verdict, folded: float | None) -> str:
+    """What is known of a span in segments, for which the cells' verdict does not speak."""
+    if folded is None:
+        return f'<div style="{_BOX}">Span: not measured, shown straight; its segments are not judged.</div>'
+    if verdict.segments is not None:
+        a, b = verdict.segments.segments
+        told = f"Span segments {a + 1} and {b + 1} reach {_MM * verdict.segments.depth_m:.2f} mm into each other"
+        return f'<div style="{_BOX}"><b style="color:{SLIT}">{told}</b></div>'
+    if folded > 0.0:
+        return f'<div style="{_BOX}">Span folded in step: its segments do not reach into each other.</div>'
+    return ""
+
+
+def put_html(handle: viser.GuiHtmlHandle, content: str) -> None:
+    """Show it; nothing is sent where it is there already."""
+    if handle.content != content:
+        handle.content = content
 
 
 def table_html(rows: Sequence[tuple[str, str]]) -> str:
@@ -69,8 +93,7 @@ def legend_html(content: Content) -> str:
         bars.append(("slit", SLIT_COLOUR))
     marks = [_mark(name, colour, "3px", "18px") for name, colour in bars]
     if content.latches:
-        told = {"unknown": "latch", "open": "latch open", "closed": "latch closed"}
-        marks += [_mark(told[state], colour, "9px", "9px") for state, colour in LATCH_COLOURS.items()]
+        marks += [_mark(NAMES[state], colour, "9px", "9px") for state, colour in LATCH_COLOURS.items()]
     return f'<div style="{_BOX};display:flex;flex-wrap:wrap;gap:3px 14px">{"".join(marks)}</div>'
 
 

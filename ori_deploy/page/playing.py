@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,22 @@ import viser
 
 from ori_deploy.motion import Plan
 from ori_deploy.page.curves import ALL_CELLS, crease_curves, flown_curves
-from ori_deploy.page.panel import Chart, table_html
+from ori_deploy.page.latches import NAMES
+from ori_deploy.page.panel import Chart, put_html, table_html
 from ori_deploy.page.sources import Source
 from ori_deploy.page.timeline import Timeline, flown, planned, preview
 from ori_deploy.page.viewer import Viewer
 
-FRAME_S = 1.0 / 30.0
-_SLIDER_EVERY = 3
+FRAME_S = 1.0 / 40.0
+"""A little more often than the 30 times a second that are meant to be seen: some come late, or two to a frame."""
+_SLIDER_EVERY = 6
 """Frames between two updates of the time slider while it plays."""
+
+_MOST_STAGES = 100
+"""Stages that can be gone to from a list; it says how many more there are."""
+
+BY_HAND = "by hand"
+"""What is told for a stage where a slider has made a pose that comes at no time."""
 
 
 class Player:
@@ -38,13 +47,20 @@ class Player:
         design = source.design
         self._cell_ids = design.structure.layout.cell_ids
         self._timeline = timeline_of(source)
+        self._goals = goals(self._timeline)
+        self._latches: viser.GuiHtmlHandle | None = None
+        self._jump: viser.GuiDropdownHandle[str] | None = None
         self._fold = np.ones(len(self._cell_ids))
-        self._span = 0.0
+        self._span: float | None = None if source.run is not None else 0.0
         self._time = self._timeline.duration_s
         self._playing = threading.Event()
+        # One pose at a time: hands that move sliders, and what plays, are threads of their own.
+        self._turn = threading.RLock()
+        self._began = time.monotonic(), self._time
         self._gui = server.gui
         self._add_controls()
-        self._show()
+        self._go_to(self._time)
+        self._follow()
         threading.Thread(target=self._play, daemon=True).start()
 
     # --- controls ---------------------------------------------------------------------------------------
@@ -56,6 +72,8 @@ class Player:
             self._add_time()
             if self._source.run is None:
                 self._add_fold()
+            if self._source.run is not None:
+                self._latches = gui.add_html("")
             self._viewer.add_verdict()
         with tabs.add_tab("Section"):
             self._viewer.add_section()
@@ -67,27 +85,22 @@ class Player:
         self._play_button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
         self._play_button.on_click(lambda _: self._toggle())
         self._time_slider = gui.add_slider(
-            "Time (s)", 0.0, max(self._timeline.duration_s, 0.01), 0.01, self._time, visible=timed
+            "Time (s)", 0.0, max(round(self._time, 2), 0.01), 0.01, round(self._time, 2), visible=timed
         )
         self._stage = gui.add_text("Stage", self._timeline.stage[-1], disabled=True, visible=timed)
 
         @self._time_slider.on_update
         def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client is not None:  # a person, not the player
-                self._pause()
-                self._go_to(self._time_slider.value)
+                self._by_hand(lambda: self._go_to(self._time_slider.value))
 
-        stages = self._timeline.stages
-        if timed and len(stages) > 1:
-            told = {f"{stage.name} {stage.begin_s:.1f} s": stage.begin_s for stage in stages[:24]}
-            jump = gui.add_dropdown("Go to", tuple(told))
+        if timed and len(self._goals) > 1:
+            self._jump = gui.add_dropdown("Go to", tuple(self._goals))
 
-            @jump.on_update
+            @self._jump.on_update
             def _(event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
                 if event.client is not None:
-                    self._pause()
-                    self._go_to(told[jump.value])
-                    self._follow()
+                    self._by_hand(lambda: self._go_to(self._goals[event.target.value]))
 
         if self._source.plan is not None:
             gui.add_html(table_html(plan_rows(self._source.plan)))
@@ -99,14 +112,14 @@ class Player:
 
         @self._moves.on_update
         def _(event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
-            if event.client is not None and self._moves.value != ALL_CELLS:
-                _put(self._fold_slider, float(self._fold[self._cell_ids.index(self._moves.value)]))
+            if event.client is not None:
+                with self._turn:
+                    self._follow()
 
         @self._fold_slider.on_update
         def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client is not None:
-                self._pause()
-                self._set_fold(self._fold_slider.value)
+                self._by_hand(lambda: self._set_fold(self._fold_slider.value))
 
         self._span_slider = gui.add_slider(
             "Span folded", 0.0, 1.0, 0.01, 0.0, visible=self._source.design.span_segments > 1
@@ -115,8 +128,7 @@ class Player:
         @self._span_slider.on_update
         def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client is not None:
-                self._pause()
-                self._set_span(self._span_slider.value)
+                self._by_hand(lambda: self._set_span(self._span_slider.value))
 
     def _add_plots(self) -> None:
         gui, mechanism = self._gui, self._viewer.mover.mechanism
@@ -134,6 +146,13 @@ class Player:
 
     # --- what they do -----------------------------------------------------------------------------------
 
+    def _by_hand(self, change: Callable[[], None]) -> None:
+        """Somebody moves a slider: what plays ends, and all the others follow."""
+        with self._turn:
+            self._pause()
+            change()
+            self._follow()
+
     def _set_fold(self, fold: float) -> None:
         """One cell or all; cells open only where the span is straight."""
         if self._moves.value == ALL_CELLS:
@@ -141,38 +160,46 @@ class Player:
         else:
             self._fold[self._cell_ids.index(self._moves.value)] = fold
         if self._fold.max() > 0.0:
-            self._straighten(0.0)
-        self._show()
+            self._span = 0.0
+        self._show_by_hand()
 
     def _set_span(self, folded: float) -> None:
         """Only the flat stack folds across its span."""
         if folded > 0.0:
             self._fold[:] = 0.0
-            _put(self._fold_slider, 0.0)
-        self._straighten(folded)
-        self._show()
-
-    def _straighten(self, folded: float) -> None:
         self._span = folded
-        _put(self._span_slider, folded)
+        self._show_by_hand()
+
+    def _show_by_hand(self) -> None:
+        """At the time at which this comes, where it does."""
+        time_s = self._timeline.when(self._fold, self._span or 0.0)
+        if time_s is not None:
+            self._time = time_s
+        _put(self._stage, BY_HAND if time_s is None else self._timeline.at(time_s).stage)
+        self._show()
 
     def _go_to(self, time_s: float) -> None:
         pose = self._timeline.at(time_s)
         self._time, self._fold, self._span = time_s, pose.fold.copy(), pose.span_folded
         _put(self._stage, pose.stage)
+        self._viewer.shown.latch(pose.latches)
+        if self._latches is not None:
+            put_html(self._latches, table_html([(point, NAMES[state]) for point, state in pose.latches.items()]))
         self._show()
 
     def _show(self) -> None:
         self._viewer.show(self._fold, self._span)
 
     def _toggle(self) -> None:
-        if self._playing.is_set():
-            self._pause()
-            return
-        if self._time >= self._timeline.duration_s:
-            self._time = 0.0
-        self._play_button.label = "Pause"
-        self._playing.set()
+        with self._turn:
+            if self._playing.is_set():
+                self._pause()
+                return
+            if self._time >= self._timeline.duration_s:
+                self._time = 0.0
+            self._play_button.label = "Pause"
+            self._began = time.monotonic(), self._time
+            self._playing.set()
 
     def _pause(self) -> None:
         if self._playing.is_set():
@@ -181,28 +208,49 @@ class Player:
             self._follow()
 
     def _follow(self) -> None:
-        """Sliders show what is shown."""
+        """Sliders show what is shown; that of all cells, the first one's fold."""
         _put(self._time_slider, round(self._time, 2))
+        if self._jump is not None:
+            _put(self._jump, max((begin, name) for name, begin in self._goals.items() if begin <= self._time)[1])
         if self._source.run is None:
-            _put(self._fold_slider, round(float(self._fold[0]), 3))
-            _put(self._span_slider, round(self._span, 2))
+            one = self._moves.value
+            cell = 0 if one == ALL_CELLS else self._cell_ids.index(one)
+            _put(self._fold_slider, round(float(self._fold[cell]), 3))
+            _put(self._span_slider, round(self._span or 0.0, 2))
 
     def _play(self) -> None:
         """Frame after frame while it plays, dropping those that are late."""
         while True:
             self._playing.wait()
-            begin, at, frame = time.monotonic(), self._time, 0
-            while self._playing.is_set():
-                now = at + time.monotonic() - begin
-                self._go_to(min(now, self._timeline.duration_s))
-                if now >= self._timeline.duration_s:
-                    self._pause()
-                    break
+            due, frame = time.monotonic(), 0
+            while self._frame(follow=frame % _SLIDER_EVERY == 0):
                 frame += 1
-                if frame % _SLIDER_EVERY == 0:
-                    self._follow()
-                due = begin + frame * FRAME_S
+                due = max(due + FRAME_S, time.monotonic() - FRAME_S)
                 time.sleep(max(due - time.monotonic(), 0.001))
+
+    def _frame(self, *, follow: bool) -> bool:
+        """Show what is due, unless somebody has just ended it; whether there is more."""
+        with self._turn:
+            if not self._playing.is_set():
+                return False
+            begin, at = self._began
+            now = at + time.monotonic() - begin
+            self._go_to(min(now, self._timeline.duration_s))
+            if now >= self._timeline.duration_s:
+                self._pause()
+            elif follow:
+                self._follow()
+            return self._playing.is_set()
+
+
+def goals(timeline: Timeline) -> dict[str, float]:
+    """When stages begin, by what they are called; the last one says how many are not told."""
+    stages = timeline.stages
+    made = {f"{k}. {one.name} {one.begin_s:.1f} s": one.begin_s for k, one in enumerate(stages[:_MOST_STAGES], 1)}
+    if len(stages) > _MOST_STAGES:
+        first = stages[_MOST_STAGES]
+        made[f"{len(stages) - _MOST_STAGES} more, from {first.begin_s:.1f} s: by the time slider"] = first.begin_s
+    return made
 
 
 def _put(handle: Any, value: object) -> None:

@@ -1,4 +1,4 @@
-"""The cross-section at the fold that is shown, with its dimensions, as a drawing for the page."""
+"""The cross-section, or a cone's outer end, at the fold that is shown, with its dimensions, as a drawing."""
 
 from __future__ import annotations
 
@@ -19,24 +19,27 @@ _MM = 1e3
 
 @dataclass(frozen=True)
 class Section:
-    """The outer end of every panel on the plane of x and y.
+    """The outer end of every panel, seen along the axis: across a cylinder that is its cross-section.
 
     Attributes
     ----------
     outlines
-        (n, 2) metres, one per panel.
+        (n, 3) metres, one per panel: to the right, up, and towards the eye.
+    whole
+        (3,) the same three extents of all that there is of the panels, not of their outer ends alone.
     """
 
     outlines: tuple[Reals, ...]
+    whole: Reals
 
     @property
     def low(self) -> Reals:
-        """(2,) lower left corner of the box round them."""
+        """(3,) lower left corner, farthest from the eye, of the box round the outer ends."""
         return np.asarray(np.min([outline.min(axis=0) for outline in self.outlines], axis=0))
 
     @property
     def size(self) -> Reals:
-        """(2,) width and height of that box."""
+        """(3,) width, height and depth of that box; a cylinder's end is flat and has no depth."""
         return np.asarray(np.max([outline.max(axis=0) for outline in self.outlines], axis=0) - self.low)
 
 
@@ -51,38 +54,56 @@ def section_of(content: Content, places: Places, number: Sequence[int]) -> Secti
         Of each panel of the content among them.
     """
     matrices = places.matrices()
-    return Section(tuple(_moved(p, matrices[k]) for p, k in zip(content.panels, number, strict=True)))
+    solids = [_moved(content, p, matrices[k]) for p, k in zip(content.panels, number, strict=True)]
+    corners = np.concatenate(solids)
+    return Section(tuple(np.split(solid, 2)[1] for solid in solids), np.ptp(corners, axis=0))
 
 
-def _moved(panel: Panel, matrix: Reals) -> Reals:
-    outer = np.split(panel.solid.vertices, 2)[1]
-    return np.asarray((outer @ matrix[:3, :3].T + matrix[:3, 3])[:, :2])
+def _moved(content: Content, panel: Panel, matrix: Reals) -> Reals:
+    """(n, 3) all corners of a panel, as they are seen along the axis."""
+    return np.asarray((panel.solid.vertices @ matrix[:3, :3].T + matrix[:3, 3]) @ content.seen.T)
+
+
+def sized(content: Content, section: Section) -> list[tuple[str, str]]:
+    """What it measures, for the panel."""
+    if not content.cone:
+        wide, tall, _ = _MM * section.size
+        which = "section here" if content.segments == 1 else "one segment here"
+        return [(which, f"{wide:.1f} × {tall:.1f} mm")]
+    boxes = {"outer end here": section.size, "all of it here": section.whole}
+    return [(name, " × ".join(f"{_MM * side:.1f}" for side in box) + " mm") for name, box in boxes.items()] + [
+        ("", "across × across × along the axis")
+    ]
 
 
 def draw(content: Content, section: Section, red: frozenset[str]) -> str:
     """An SVG to scale, the box round it measured in millimetres."""
-    low, size = section.low, section.size
+    low, size = section.low[:2], section.size[:2]
     scale = min((_WIDTH - _LEFT - _RIGHT) / size[0], _TALLEST / size[1])
     wide, tall = size * scale
     height = tall + _TOP + _BOTTOM
 
     def at(point: Reals) -> str:
-        x, y = (point - low) * scale
+        x, y = (point[:2] - low) * scale
         return f"{_LEFT + x:.1f},{_TOP + tall - y:.1f}"
 
     shapes = []
-    for panel, outline in zip(content.panels, section.outlines, strict=True):
+    farthest_first = sorted(
+        zip(content.panels, section.outlines, strict=True), key=lambda one: float(one[1][:, 2].mean())
+    )
+    for panel, outline in farthest_first:
         fill = SLIT if panel.id in red else "#{:02x}{:02x}{:02x}".format(*panel.colour)
         rim = "#{:02x}{:02x}{:02x}".format(*panel.rim_colour)
         points = " ".join(at(p) for p in outline)
         shapes.append(f'<polygon points="{points}" fill="{fill}" stroke="{rim}" stroke-width="0.5"/>')
+    told = "outer end, seen along the axis" if content.cone else "cross-section"
     foot, left = _TOP + tall + 12.0, _LEFT - 12.0
     lines = (
         _dimension(_LEFT, foot, _LEFT + wide, foot, f"{_MM * size[0]:.1f} mm", upright=False),
         _dimension(left, _TOP, left, _TOP + tall, f"{_MM * size[1]:.1f} mm", upright=True),
     )
     return (
-        f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" width="100%" role="img" aria-label="cross-section" '
+        f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" width="100%" role="img" aria-label="{told}" '
         f'style="display:block;max-height:{_TALLEST + 60:.0f}px">{"".join(shapes)}{"".join(lines)}</svg>'
     )
 

@@ -1,8 +1,8 @@
 """The structure in the browser: meshes are uploaded once; after that only poses and colours are sent.
 
-Without a graphics card the browser's processor draws. Lighting every pixel takes most of its time, and every object a
-third of a millisecond: so bodies have their light painted on and no rims, and all creases and slits are one object,
-whose ends are sent. A panel that turns red is another body that was uploaded with it, and hidden.
+Without a graphics card the browser's processor draws. Lighting every pixel takes most of its time, and every object
+a third of a millisecond: so bodies have their light painted on and no rims, and all of a rigid body is one object:
+its panels, and its creases and slits as rods. With a red panel it is another object, uploaded when it first has one.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ import numpy as np
 import viser
 from numpy.typing import ArrayLike, NDArray
 
-from ori_deploy.page.content import RED, Content, Line, Rgb
-from ori_deploy.page.glb import painted
+from ori_deploy.page.content import RED, Content, Rgb
+from ori_deploy.page.glb import Paint, body, painted, rods
 from ori_deploy.page.placing import Mover, Places
-from ori_deploy.profiles.profile import Reals
+
+_ROD = 2.2e-3
+"""Radius of the rods that creases and slits are, in diagonals of the box round the deployed structure."""
 
 LATCH_COLOURS: Mapping[str, Rgb] = {"unknown": (150, 158, 170), "open": (240, 160, 0), "closed": (0, 150, 70)}
 
@@ -40,9 +42,13 @@ class Shown:
         self._bodies = np.array(content.bodies)
         self._frames: list[dict[int, viser.FrameHandle]] = []
         self._segments: list[viser.FrameHandle] = []
-        self._own: dict[str, list[viser.GlbHandle]] = {panel.id: [] for panel in content.panels}
-        self._reds: dict[str, list[viser.GlbHandle]] = {panel.id: [] for panel in content.panels}
-        self._red: frozenset[str] = frozenset()
+        self._rods = _rods(content)
+        self._looks: dict[tuple[int, frozenset[str]], list[viser.GlbHandle]] = {}
+        self._panels_of = {
+            number: frozenset(panel.id for panel in content.panels if panel.body == number)
+            for number in content.bodies
+        }
+        self._look = dict.fromkeys(content.bodies, frozenset[str]())
         self._latches: dict[str, list[viser.IcosphereHandle]] = {latch.id: [] for latch in content.latches}
         self._latch_states: dict[str, str] = {}
         server.scene.set_up_direction("+y")
@@ -50,7 +56,8 @@ class Shown:
         server.scene.add_light_ambient("/daylight", intensity=3.0)
         for k in range(content.segments):
             self._upload(k)
-        self._lines = _Lines(server, content)
+        for number in content.bodies:
+            self._looks_like(number, frozenset())
 
     # --- once -----------------------------------------------------------------------------------------
 
@@ -59,15 +66,11 @@ class Shown:
         self._segments.append(scene.add_frame(root, show_axes=False))
         frames = {int(b): scene.add_frame(f"{root}/b{b}", show_axes=False) for b in self._bodies}
         self._frames.append(frames)
-        for panel in self._content.panels:
-            name = f"{root}/b{panel.body}/{panel.id}"
-            self._own[panel.id].append(_add(scene, name, painted(panel.solid, panel.colour), visible=True))
-            self._reds[panel.id].append(_add(scene, f"{name}.red", painted(panel.solid, RED), visible=False))
         for latch in self._content.latches:
             self._latches[latch.id].append(
                 scene.add_icosphere(
                     f"{root}/b{latch.body}/{latch.id}",
-                    radius=0.012 * self._size,
+                    radius=0.02 * self._size,
                     color=LATCH_COLOURS["unknown"],
                     subdivisions=1,
                     position=latch.place,
@@ -75,6 +78,19 @@ class Shown:
                     receive_shadow=False,
                 )
             )
+
+    def _looks_like(self, number: int, red: frozenset[str]) -> list[viser.GlbHandle]:
+        """A rigid body, some of its panels red, in every segment."""
+        if (number, red) not in self._looks:
+            paints = [
+                painted(panel.solid, RED if panel.id in red else panel.colour)
+                for panel in self._content.panels
+                if panel.body == number
+            ]
+            data = body([*paints, *self._rods.get(number, [])])
+            names = [f"/s{k}/b{number}/{'+'.join(('look', *sorted(red)))}" for k in range(self._content.segments)]
+            self._looks[number, red] = [_add(self._server.scene, name, data) for name in names]
+        return self._looks[number, red]
 
     # --- again and again --------------------------------------------------------------------------------
 
@@ -86,20 +102,21 @@ class Shown:
         with self._server.atomic():
             for frame, wxyz, position in zip(self._segments, segments.wxyz, segments.position, strict=True):
                 _move(frame, wxyz, position)
-            self._lines.move(panels.matrices(), segments.matrices())
             for frames in self._frames:
                 for frame, wxyz, position in zip(frames.values(), bodies.wxyz, bodies.position, strict=True):
                     _move(frame, wxyz, position)
 
     def redden(self, panels: frozenset[str]) -> None:
         """Show these panels red, and no others."""
-        if panels == self._red:
-            return
         with self._server.atomic():
-            for name in panels ^ self._red:
-                for own, red in zip(self._own.get(name, ()), self._reds.get(name, ()), strict=True):
-                    own.visible, red.visible = name not in panels, name in panels
-        self._red = panels
+            for number, before in self._look.items():
+                red = panels & self._panels_of[number]
+                if red == before:
+                    continue
+                for look, visible in ((before, False), (red, True)):
+                    for handle in self._looks_like(number, look):
+                        handle.visible = visible
+                self._look[number] = red
 
     def latch(self, states: Mapping[str, str]) -> None:
         """Show what is known of the latches: "unknown", "open" or "closed"."""
@@ -119,28 +136,18 @@ def _move(frame: viser.FrameHandle, wxyz: NDArray[np.float64], position: NDArray
         frame.position = position
 
 
-def _add(scene: viser.SceneApi, name: str, body: bytes, *, visible: bool) -> viser.GlbHandle:
-    return scene.add_glb(name, body, visible=visible, cast_shadow=False, receive_shadow=False)
+def _add(scene: viser.SceneApi, name: str, data: bytes) -> viser.GlbHandle:
+    return scene.add_glb(name, data, cast_shadow=False, receive_shadow=False)
 
 
-class _Lines:
-    """Creases and slits of all span segments as one object."""
-
-    def __init__(self, server: viser.ViserServer, content: Content) -> None:
-        lines: list[Line] = [*content.creases, *content.slits]
-        self._ends = np.concatenate([line.segments for line in lines])
-        counts = [len(line.segments) for line in lines]
-        self._body = np.repeat([line.body for line in lines], counts)
-        colours = np.repeat(np.array([line.colour for line in lines], dtype=np.uint8), counts, axis=0)
-        colours = np.tile(np.repeat(colours[:, None], 2, axis=1), (content.segments, 1, 1))
-        points = np.tile(self._ends, (content.segments, 1, 1)).astype(np.float32)
-        self._handle = server.scene.add_line_segments(
-            "/lines", points, colours, thickness=3.0, thickness_units="screen"
-        )
-
-    def move(self, panels: Reals, segments: Reals) -> None:
-        """To the poses of all panels and span segments, (n, 4, 4) each."""
-        own = panels[self._body]
-        placed = self._ends @ own[:, :3, :3].transpose(0, 2, 1) + own[:, None, :3, 3]
-        all_of = [placed @ m[:3, :3].T + m[:3, 3] for m in segments]
-        self._handle.points = np.concatenate(all_of).astype(np.float32)
+def _rods(content: Content) -> dict[int, list[Paint]]:
+    """Creases and slits, by the bodies that carry them."""
+    lines = (*content.creases, *content.slits)
+    corners = np.concatenate([line.segments.reshape(-1, 3) for line in lines])
+    sides = np.ptp(corners, axis=0)
+    sides[2] += (content.segments - 1) * content.segment_m
+    radius = _ROD * float(np.linalg.norm(sides))
+    made: dict[int, list[Paint]] = {}
+    for line in lines:
+        made.setdefault(line.body, []).append(rods(line.segments, line.colour, radius))
+    return made

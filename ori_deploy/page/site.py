@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -10,8 +11,6 @@ import viser
 
 from ori_deploy.page.channel import Channel
 from ori_deploy.page.door import Door, open_server
-
-PORT = 8080
 
 PLAIN_JS = """<script>
 (() => {
@@ -53,9 +52,9 @@ def page_bytes(title: str, *, live: bool) -> bytes:
     return (head + "".join(ours) + end + tail).encode()
 
 
-def serve(door: Door, port: int, title: str, channel: Channel | None = None) -> viser.ViserServer:
-    """A server for a page, its looks set, nothing on it yet."""
-    server = open_server(door, port, page_bytes(title, live=channel is not None), channel)
+def serve(door: Door, ear: socket.socket, title: str, channel: Channel | None = None) -> viser.ViserServer:
+    """A server for a page, its looks set, nothing on it yet; `ear` is what `listening` made."""
+    server = open_server(door, ear, page_bytes(title, live=channel is not None), channel)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
     server.gui.set_panel_label(title)
     server.gui.main_panel.dock_right()

@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 
 from ori_deploy.motion import Plan
+from ori_deploy.page.latches import Latches, seen_in
+from ori_deploy.page.thinning import Flags
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import Run
 
 PREVIEW_S = 6.0
 """How long a design that has no plan takes to unfold on the page, and its span on top of that."""
 
-_MOST_ROWS = 3000
-
 
 @dataclass(frozen=True)
 class Pose:
-    """What is shown: a fold per cell, how far the span is folded (0 straight, 1 stowed), and the stage."""
+    """What is shown.
+
+    Attributes
+    ----------
+    fold
+        (n_cells,).
+    span_folded
+        0 straight, 1 stowed; None where nobody measured it.
+    stage
+        Its name.
+    latches
+        "open" or "closed" by latch point, where that is known.
+    """
 
     fold: Reals
-    span_folded: float
+    span_folded: float | None
     stage: str
+    latches: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,22 +61,28 @@ class Timeline:
     fold
         (n, n_cells) fold of every cell.
     span_folded
-        (n,) from 0, straight, to 1.
+        (n,) from 0, straight, to 1; None where nobody measured it.
     stage
         (n,) names.
+    busy
+        (n,) whether something is being carried out.
+    latches
+        What their sensors said; None where there are no sensors.
     """
 
     time_s: Reals
     fold: Reals
-    span_folded: Reals
+    span_folded: Reals | None
     stage: tuple[str, ...]
+    busy: Flags
+    latches: Latches | None = None
 
     @property
     def duration_s(self) -> float:
         """When it ends."""
         return float(self.time_s[-1])
 
-    @property
+    @cached_property
     def stages(self) -> tuple[Stage, ...]:
         """In order; each ends where the next begins."""
         made, k = [], 0
@@ -79,8 +100,21 @@ class Timeline:
         gap = float(self.time_s[after] - self.time_s[k])
         part = (t - float(self.time_s[k])) / gap if gap > 0.0 else 0.0
         fold = (1.0 - part) * self.fold[k] + part * self.fold[after]
-        span = (1.0 - part) * self.span_folded[k] + part * self.span_folded[after]
-        return Pose(np.clip(fold, 0.0, 1.0), float(np.clip(span, 0.0, 1.0)), self.stage[k])
+        span = None
+        if self.span_folded is not None:
+            span = float(np.clip((1.0 - part) * self.span_folded[k] + part * self.span_folded[after], 0.0, 1.0))
+        latches = {} if self.latches is None else self.latches.at(t)
+        return Pose(np.clip(fold, 0.0, 1.0), span, self.stage[k], latches)
+
+    def when(self, fold: Reals, span_folded: float) -> float | None:
+        """The first time of a pose in step, on the way there; None where there is no such."""
+        if self.span_folded is None or np.ptp(fold) > 0.0:
+            return None
+        # The span unfolds to 0, and then the cells open to 1: together they only grow.
+        along = self.fold[:, 0] - self.span_folded
+        if (np.diff(along) < 0.0).any() or not along[0] <= float(fold[0]) - span_folded <= along[-1]:
+            return None
+        return float(np.interp(float(fold[0]) - span_folded, along, self.time_s))
 
 
 def preview(n_cells: int, segments: int) -> Timeline:
@@ -88,7 +122,7 @@ def preview(n_cells: int, segments: int) -> Timeline:
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, 121))
     time = PREVIEW_S * np.linspace(0.0, 1.0, 121)
     fold = np.repeat(ramp[:, None], n_cells, axis=1)
-    opening = Timeline(time, fold, np.zeros(121), ("open",) * 121)
+    opening = Timeline(time, fold, np.zeros(121), ("open",) * 121, np.ones(121, dtype=bool))
     return opening if segments == 1 else _after(time, 1.0 - ramp, opening)
 
 
@@ -96,7 +130,7 @@ def planned(plan: Plan) -> Timeline:
     """A plan's, its span's unfolding by hand included. Latches take as long as they take and have no time here."""
     n = len(plan.time_s)
     fold = np.repeat(plan.fold[:, None], len(plan.cell_ids), axis=1)
-    opening = Timeline(plan.time_s, fold, np.zeros(n), ("open",) * n)
+    opening = Timeline(plan.time_s, fold, np.zeros(n), ("open",) * n, np.ones(n, dtype=bool))
     return opening if plan.span is None else _after(plan.span.time_s, plan.span.angles_rad[:, 0] / np.pi, opening)
 
 
@@ -106,31 +140,32 @@ def _after(time_s: Reals, span_folded: Reals, opening: Timeline) -> Timeline:
     return Timeline(
         np.concatenate([time_s[:-1], time_s[-1] + opening.time_s]),
         np.concatenate([np.zeros((n, opening.fold.shape[1])), opening.fold]),
-        np.concatenate([span_folded[:-1], opening.span_folded]),
+        np.concatenate([span_folded[:-1], np.zeros(len(opening.time_s))]),
         ("span_unfold",) * n + opening.stage,
+        np.ones(n + len(opening.time_s), dtype=bool),
     )
 
 
 def flown(run: Run, cell_ids: tuple[str, ...]) -> Timeline:
-    """What a flight log measured; where a reading is missing, the one before it, and before the first, the first."""
-    rows = rows_of(run)
+    """What a flight log measured, every cycle of it.
+
+    Where a reading is missing, the one before it; before the first, the first. Nothing measures the span.
+    """
     hinges = run.info["cell_ids"]
-    fold = np.full((len(rows), len(cell_ids)), np.nan)
+    fold = np.full((len(run.time_s), len(cell_ids)), np.nan)
     for i, cell in enumerate(cell_ids):
         own = [k for k, name in enumerate(hinges) if name == cell]
-        if own:
-            fold[:, i] = _held(run.fold[rows][:, own].mean(axis=1), run.commanded_fold[rows])
-        else:
-            fold[:, i] = _held(run.commanded_fold[rows], run.commanded_fold[rows])
-    time = run.time_s[rows] - run.time_s[rows[0]]
-    stage = tuple(run.stage[k] or run.state[k] for k in rows)
-    return Timeline(time, np.clip(fold, 0.0, 1.0), np.zeros(len(rows)), stage)
+        measured = run.fold[:, own].mean(axis=1) if own else run.commanded_fold
+        fold[:, i] = _held(measured, run.commanded_fold)
+    stage = tuple(a or b for a, b in zip(run.stage, run.state, strict=True))
+    return Timeline(
+        run.time_s - run.time_s[0], np.clip(fold, 0.0, 1.0), None, stage, busy_in(run), seen_in(run, run.time_s[0])
+    )
 
 
-def rows_of(run: Run) -> list[int]:
-    """Which cycles of a log are shown: as many as a screen can tell apart, the first and the last among them."""
-    n = len(run.time_s)
-    return sorted({round(x) for x in np.linspace(0, n - 1, min(n, _MOST_ROWS))})
+def busy_in(run: Run) -> Flags:
+    """(n,) whether something was being carried out in a cycle."""
+    return np.array([bool(stage) for stage in run.stage])
 
 
 def _held(values: Reals, instead: Reals) -> Reals:

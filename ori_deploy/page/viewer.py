@@ -11,9 +11,9 @@ from ori_deploy.files import Design
 from ori_deploy.page.content import Content, content_of
 from ori_deploy.page.judging import Judge, Verdict
 from ori_deploy.page.newest import Newest
-from ori_deploy.page.panel import legend_html, table_html, verdict_html
+from ori_deploy.page.panel import legend_html, put_html, span_html, table_html, verdict_html
 from ori_deploy.page.placing import Mover
-from ori_deploy.page.section import draw, section_of
+from ori_deploy.page.section import draw, section_of, sized
 from ori_deploy.page.shown import Shown
 from ori_deploy.profiles.profile import Reals
 
@@ -50,7 +50,7 @@ class Viewer:
         self.content = content_of(design)
         self.mover = Mover(design)
         self.shown = Shown(server, self.content, self.mover)
-        self._judge = Judge(self.mover.mechanism)
+        self._judge = Judge(self.mover.mechanism, self.mover.span)
         self._on_verdict = on_verdict
         self._numbers = [design.structure.layout.panel_ids.index(panel.id) for panel in self.content.panels]
         self._verdict: viser.GuiHtmlHandle | None = None
@@ -87,28 +87,32 @@ class Viewer:
 
     # --- poses ------------------------------------------------------------------------------------------
 
-    def show(self, fold: Reals, span_folded: float = 0.0) -> None:
-        """Show a pose; what there is to say about it follows as fast as it can be found out."""
-        self.shown.pose(fold, span_folded)
-        self._judging.give(np.array(fold))
+    def show(self, fold: Reals, span_folded: float | None = None) -> None:
+        """Show a pose; what there is to say about it follows as fast as it can be found out.
 
-    def _judged(self, fold: Reals) -> None:
-        verdict = self._judge.judge(fold)
+        Parameters
+        ----------
+        fold
+            (n_cells,).
+        span_folded
+            From 0, straight, to 1; None where nobody knows: it is shown straight, and the page says so.
+        """
+        self.shown.pose(fold, span_folded or 0.0)
+        self._judging.give((np.array(fold), span_folded))
+
+    def _judged(self, pose: tuple[Reals, float | None]) -> None:
+        fold, span_folded = pose
+        verdict = self._judge.judge(fold, span_folded or 0.0)
         self.shown.redden(verdict.red)
         if self._verdict is not None:
-            _put(self._verdict, verdict_html(verdict))
+            cut = self.design.span_segments > 1
+            put_html(self._verdict, verdict_html(verdict) + (span_html(verdict, span_folded) if cut else ""))
         if self._section is not None and self._sized is not None:
             section = section_of(self.content, self.mover.panels(fold), self._numbers)
-            _put(self._section, f'<div style="padding:6px 10px">{draw(self.content, section, verdict.red)}</div>')
-            wide, tall = _MM * section.size
-            _put(self._sized, table_html([("here", f"{wide:.1f} × {tall:.1f} mm")]))
+            put_html(self._section, f'<div style="padding:6px 10px">{draw(self.content, section, verdict.red)}</div>')
+            put_html(self._sized, table_html(sized(self.content, section)))
         if self._on_verdict is not None:
             self._on_verdict(verdict)
-
-
-def _put(handle: viser.GuiHtmlHandle, content: str) -> None:
-    if handle.content != content:
-        handle.content = content
 
 
 def dimensions(design: Design) -> list[tuple[str, str]]:

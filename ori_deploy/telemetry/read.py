@@ -77,6 +77,8 @@ class Run:
         Records that did not get through to the recorder.
     ending
         "closed", why the log ended otherwise, or "" where it does not say.
+    files
+        Plan and rig as they were, by name; none in old logs.
     """
 
     complete: bool
@@ -110,6 +112,7 @@ class Run:
     versions: Mapping[str, Any]
     dropped: int
     ending: str
+    files: Mapping[str, str]
 
     @property
     def commanded_crease_rad(self) -> FloatArray:
@@ -380,6 +383,7 @@ def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[
         versions=_versions(messages),
         dropped=max((int(row["dropped"]) for row in messages.get("/recorder", [])), default=0),
         ending=ending,
+        files={str(row["name"]): str(row["text"]) for row in messages.get("/file", [])},
     )
 
 

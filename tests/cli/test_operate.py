@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,11 @@ import pytest
 from click.testing import CliRunner
 
 from ori_deploy.cli import main
+from ori_deploy.cli.operate import _page
+from ori_deploy.operate.messages import LatchStatus
 from ori_deploy.operate.places import socket_path
 from tests.cli.inside import run
+from tests.operate.test_messages import STATUS
 
 pytestmark = pytest.mark.usefixtures("runtime_folder")
 
@@ -241,3 +246,10 @@ def test_kill_9_leaves_a_socket_that_the_next_session_removes(
         assert not left.exists()
         assert asked("estop", "--pid", running.pid, cwd=tmp_path).returncode == 0
         assert running.end()[0] == 1
+
+
+def test_what_pauses_a_motion_is_told_and_stow_locks_are_not_among_its_latches() -> None:
+    latches = (LatchStatus("pin", True, True, "slit:P-T2"), LatchStatus("lock", False, False, "stow"))
+    told = _page(replace(STATUS, concern="over_temperature: servo_c2: 71 degrees", latches=latches))
+    assert re.search(r"^concern +over_temperature: servo_c2", told, re.MULTILINE)
+    assert "1 of 1 confirmed closed" in told

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ori_deploy.actuators import rig
 from ori_deploy.deploy.states import State
 from ori_deploy.operate.desk import Desk
 from ori_deploy.operate.due import DueGoals
-from ori_deploy.operate.messages import Do, Request, Status
+from ori_deploy.operate.messages import STOW_POINT, Do, Request, Status
+from ori_deploy.operate.orders import StandingOrders
 from tests.deploy.synthetic import Bench, bench
+from tests.deploy.test_controller import PIN, STOW_LOCK
 from tests.operate.served import SESSION
 
 
@@ -145,3 +148,55 @@ def test_a_page_is_told_every_cell_s_fold_its_current_and_its_temperature() -> N
     assert now.current_a == pytest.approx(record.readings.current_a, abs=1e-3)
     assert len(now.temperature_c) == len(record.readings.current_a)
     assert not now.takes_orders
+
+
+def test_without_a_link_nothing_is_known_and_what_was_counted_stays() -> None:
+    """Reproduced: 900 lost replies and no link were "50 % open, out of step 0.000"."""
+    b = bench()
+    orders = StandingOrders(b.controller, b.clock, 0.01, lambda: None)
+    desk = Desk(b.controller, SESSION, b.plan, b.rig, b.bus, b.clock.now(), orders)
+    b.controller.add_observer(desk)
+    b.controller.deploy()
+    b.step_until_fold(0.5)
+    before = status(desk)
+    assert before.folds
+    assert before.current_a
+    b.bus.unplug()
+    b.step_to_rest()
+    assert desk.answer(Request(Do.CLEAR_FAULT), "the test").state is State.DISCONNECTED
+    now = status(desk)
+    assert now.fold is now.rate is now.progress_percent is now.remaining_s is now.stage is None
+    assert now.folds == now.current_a == now.temperature_c == now.latches == ()
+    assert now.cycles > before.cycles
+    b.bus.replug()
+    b.controller.connect()
+    assert status(desk).folds == ()  # nor is it made up of what was read before
+
+
+def test_what_pauses_a_motion_is_told() -> None:
+    b = bench()
+    desk = desk_of(b)
+    b.controller.deploy()
+    b.step_until_fold(0.3)
+    assert status(desk).concern is None
+    b.bus.overheat("servo_c2", 75.0)
+    for _ in range(200):
+        b.controller.step()
+        if b.controller.concern is not None:
+            break
+    told = status(desk)
+    assert told.state is State.HOLD
+    assert "servo_c2" in (told.concern or "")
+
+
+def test_latches_tell_the_point_they_are_on() -> None:
+    b = bench(latch=[PIN, STOW_LOCK, {**PIN, "id": "other", "secures": "cell:c1"}])
+    desk = desk_of(b)
+    b.controller.deploy()
+    b.controller.run()
+    now = status(desk)
+    assert {one.id: one.secures for one in now.latches} == {
+        "pin": "slit:P-T2", STOW_LOCK["id"]: STOW_POINT, "other": "cell:c1"
+    }  # fmt: skip
+    assert now.secured == (2, 2)
+    assert STOW_POINT == rig.STOW_POINT

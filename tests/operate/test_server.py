@@ -5,6 +5,10 @@ from __future__ import annotations
 import os
 import socket
 import stat
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,9 +16,14 @@ import pytest
 from ori_deploy.deploy.states import State
 from ori_deploy.errors import FileError
 from ori_deploy.operate import server
-from ori_deploy.operate.messages import MAX_REQUEST_BYTES
+from ori_deploy.operate.client import Found, ask
+from ori_deploy.operate.desk import Desk
+from ori_deploy.operate.messages import LONGEST_WAIT_S, MAX_REQUEST_BYTES, Do, Request
+from ori_deploy.operate.orders import StandingOrders
 from ori_deploy.operate.places import remove_stale, socket_path
-from tests.operate.served import Client, Served, descriptors, served
+from ori_deploy.operate.server import OperatorSocket
+from tests.deploy.synthetic import bench
+from tests.operate.served import SESSION, Client, Served, descriptors, served
 
 pytestmark = pytest.mark.usefixtures("runtime_folder")
 
@@ -317,6 +326,141 @@ def test_too_long_a_name_for_a_socket_is_told(runtime_folder: Path, monkeypatch:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
     with pytest.raises(FileError, match=r"too long a name.*limit: 107.*remedy: set XDG_RUNTIME_DIR"), served():
         pass
+
+
+# -- orders that nobody counts on any more -------------------------------------------------------------
+
+
+@contextmanager
+def taking_orders(now: float) -> Iterator[Served]:
+    """A controller, armed, that takes orders, at a time of CLOCK_MONOTONIC."""
+    b = bench()
+    orders = StandingOrders(b.controller, b.clock, 0.01, lambda: None)
+    desk = Desk(b.controller, SESSION, b.plan, b.rig, b.bus, b.clock.now(), orders)
+    b.controller.add_observer(desk)
+    with OperatorSocket(desk, lambda: now) as opened:
+        yield Served(b, desk, opened)
+
+
+def test_an_order_of_somebody_who_has_hung_up_is_not_carried_out() -> None:
+    """Reproduced with a page: told that nothing was taken, closed; the loop then went on, and deployed."""
+    with taking_orders(50.0) as s:
+        for do in ("deploy", "stow"):
+            client = Client(s.socket.path)
+            client.send({"do": do, "asked_s": 50.0})
+            client.link.close()
+            s.cycles(3)
+            assert s.bench.controller.state is State.ARMED
+        s.bench.controller.deploy()
+        s.cycles(50)
+        s.bench.controller.hold()
+        with Client(s.socket.path) as half:  # who has said all that it will say is not waited with either
+            half.send({"do": "resume"})
+            half.link.shutdown(socket.SHUT_WR)
+            s.cycles(3)
+            assert s.bench.controller.state is State.HOLD
+            assert half.answer()["code"] == "too_late"
+
+
+def test_a_stop_of_somebody_who_has_hung_up_is() -> None:
+    for do, state in (("estop", State.FAULT), ("stop", State.STOPPING), ("pause", State.HOLD)):
+        with taking_orders(50.0) as s:
+            s.bench.controller.deploy()
+            s.cycles(50)
+            client = Client(s.socket.path)
+            client.send({"do": do, "asked_s": 0.0})
+            client.link.close()
+            s.cycles()
+            assert s.bench.controller.state is state
+
+
+@pytest.mark.parametrize(
+    ("asked_s", "took"),
+    [(50.0, True), (50.0 - 0.9 * LONGEST_WAIT_S, True), (50.0 - 1.1 * LONGEST_WAIT_S, False), (60.0, False)],
+)
+def test_an_order_that_is_old_or_of_another_clock_is_not_carried_out(asked_s: float, took: bool) -> None:
+    with taking_orders(50.0) as s:
+        answer = s.ask("deploy", asked_s=asked_s)
+        assert answer["took"] is took
+        assert (s.bench.controller.state is State.ARMED) is not took
+        if not took:
+            assert answer["code"] == "too_late"
+
+
+def test_a_stop_is_never_too_old() -> None:
+    with taking_orders(50.0) as s:
+        s.bench.controller.deploy()
+        s.cycles(50)
+        assert s.ask("estop", asked_s=-1e6)["state"] == "fault"
+
+
+def test_what_our_client_sends_is_young_by_our_server_s_clock() -> None:
+    """And it says when it asked: with the server's clock put forward it is refused."""
+    for forward_s, took in ((0.0, True), (10.0, False)):
+        with taking_orders(0.0) as s:
+            s.socket._now = lambda ahead=forward_s: time.monotonic() + ahead  # type: ignore[misc]
+            answers = ask(Found(os.getpid(), s.socket.path), Request(Do.DEPLOY))
+            with ThreadPoolExecutor(1) as terminal:
+                asked = terminal.submit(next, answers)
+                while not asked.done():
+                    s.socket.poll()
+            assert asked.result().took is took
+            answers.close()
+
+
+# -- connections that are kept -------------------------------------------------------------------------
+
+
+def test_who_keeps_its_line_is_told_how_the_session_ended() -> None:
+    with served() as s, Client(s.socket.path) as kept, Client(s.socket.path) as other:
+        kept.send({"do": "status", "keep": True})
+        other.send({"do": "status"})
+        s.cycles()
+        assert not kept.answer()["last"]
+        assert not other.answer()["last"]
+        s.bench.controller.deploy()
+        while s.bench.controller.under_way:
+            s.bench.controller.step()
+        s.socket.close()
+        last = kept.answer()
+        assert (last["last"], last["state"], last["at_rest"]) == (True, "deployed", True)
+        with pytest.raises(EOFError):
+            other.answer()
+
+
+def test_a_line_that_is_kept_for_a_stop_is_not_pushed_out_by_others() -> None:
+    """Reproduced with a page's lines, which are the oldest: the oldest went first."""
+    with served() as s, Client(s.socket.path) as kept:
+        kept.send({"do": "status", "keep": True})
+        s.cycles()
+        kept.answer()
+        hogs = []
+        for k in range(5 * server.MAX_CLIENTS):
+            hogs.append(Client(s.socket.path))
+            if k % 2:
+                hogs[-1].send({"do": "status"})
+            s.cycles()
+        kept.send({"do": "estop"})
+        s.cycles()
+        assert kept.answer()["state"] == "fault"
+        for hog in hogs:
+            hog.link.close()
+
+
+def test_who_was_heard_lately_outlasts_who_was_not() -> None:
+    with served() as s, Client(s.socket.path) as busy, Client(s.socket.path) as idle:
+        idle.send({"do": "status"})
+        s.cycles()
+        hogs = []
+        for _ in range(server.MAX_CLIENTS + 2):
+            hogs.append(Client(s.socket.path))
+            hogs[-1].send({"do": "status"})
+            busy.send({"do": "status"})
+            s.cycles()
+        assert idle.dropped
+        assert not busy.dropped
+        for hog in hogs:
+            hog.link.close()
 
 
 # -- what is left behind -------------------------------------------------------------------------------

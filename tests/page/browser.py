@@ -93,6 +93,16 @@ class Command:
         raise AssertionError(f"never said {pattern!r}: {self.output}")
 
 
+def page_process(served: Command) -> int:
+    """The process of a command's page, by its id."""
+    pid = served.process.pid
+    children = Path(f"/proc/{pid}/task").glob("*/children")
+    for child in " ".join(file.read_text() for file in children).split():
+        if b"ori_deploy.page" in Path(f"/proc/{child}/cmdline").read_bytes():
+            return int(child)
+    raise AssertionError("no page")
+
+
 def state_is(page: Page, *states: str) -> str:
     """Wait until the bar tells one of these states; all that it tells."""
     page.wait_for_function(

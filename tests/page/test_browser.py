@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
+import signal
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -24,7 +26,18 @@ from ori_deploy.operate.messages import Do, Request, Status
 from ori_deploy.page.content import content_of
 from ori_deploy.page.placing import Mover
 from ori_deploy.page.viewer import eye_of
-from tests.page.browser import CHROMIUM, DESKTOP, PHONE, Command, browser, opened, press, state_is, under_control
+from tests.page.browser import (
+    CHROMIUM,
+    DESKTOP,
+    PHONE,
+    Command,
+    browser,
+    opened,
+    page_process,
+    press,
+    state_is,
+    under_control,
+)
 from tests.page.conftest import RIG, ServoWing
 
 pytestmark = [
@@ -64,7 +77,7 @@ def test_panels_are_drawn_where_the_kinematics_put_them(made: Path, tmp_path: Pa
     content, mover = content_of(design), Mover(design)
     with Command("view", made / "wing.design.json", "--port", 0, cwd=tmp_path) as shown:
         page = opened(chromium, shown.address)
-        page.wait_for_selector("text=No interference")
+        page.wait_for_selector("text=No interference of panels")
         page.wait_for_timeout(1500)
         drawn = pixels(page)
         box = page.locator("canvas").first.bounding_box()
@@ -115,13 +128,14 @@ def test_sliders_move_all_cells_or_one_and_what_collides_turns_red(
 ) -> None:
     with Command("view", made / "wing.plan.json", "--port", 0, cwd=tmp_path) as shown:
         page = opened(chromium, shown.address)
-        page.wait_for_selector("text=No interference")
+        page.wait_for_selector("text=No interference of panels")
         page.wait_for_timeout(800)
         before = pixels(page)
         fold = page.get_by_role("slider").nth(1)
         fold.focus()
         page.keyboard.press("Home")
         page.wait_for_selector("text=lie against each other")
+        assert float(page.get_by_role("slider").first.get_attribute("aria-valuenow") or "1") < 0.02  # time follows
         page.wait_for_timeout(800)
         assert (np.abs(pixels(page)[:, :700].astype(int) - before[:, :700]) > 40).any(axis=2).mean() > 0.02
         page.keyboard.press("End")
@@ -142,6 +156,8 @@ def test_a_flight_is_played_again(made: Path, tmp_path: Path, chromium: Browser)
         page = opened(chromium, shown.address)
         page.click("text=Play")
         page.wait_for_function("[...document.querySelectorAll('input')].some(i => i.value === 'open')")
+        page.wait_for_selector("text=latch open")
+        assert page.inner_text("body").count("slit:P-T2") == 1
         page.click("text=Plots")
         page.wait_for_selector("text=temperature")
         assert page.locator(".uplot canvas").count() == 3
@@ -215,6 +231,31 @@ def test_its_loss_stops_no_motion_and_starts_none_and_it_connects_again(
         assert status_of(served).state == "deployed"
         assert servo_wing.shafts() == pytest.approx(deployed, abs=2e-3)
         again.close()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_page_that_dies_or_hangs_stops_no_motion_and_starts_none(
+    servo_wing: ServoWing, tmp_path: Path, chromium: Browser, how: signal.Signals
+) -> None:
+    with Command(*servo_wing.serving, cwd=tmp_path) as served:
+        page = opened(chromium, served.address)
+        under_control(page)
+        press(page, "Deploy")
+        state_is(page, "moving")
+        process = page_process(served)
+        os.kill(process, how)
+        try:
+            assert status_of(served).state == "moving"
+            served.said(r"(succeeded)")
+            deployed = servo_wing.shafts()
+            assert status_of(served).state == "deployed"
+            page.wait_for_function("document.getElementById('ori-alarm').offsetHeight > 0")
+            assert servo_wing.shafts() == pytest.approx(deployed, abs=2e-3)
+            assert status_of(served).state == "deployed"
+        finally:
+            page.close()
+            if how == signal.SIGSTOP:
+                os.kill(process, signal.SIGKILL)
 
 
 def test_without_the_token_there_is_nothing(made: Path, tmp_path: Path) -> None:

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import viser
 
-from ori_deploy.files import load_design
-from ori_deploy.motion import Interference
-from ori_deploy.page.content import CREASE_COLOURS, Content, content_of, rgb
-from ori_deploy.page.glb import painted
-from ori_deploy.page.judging import Judge
+from ori_deploy.files import build_from_file, load_design
+from ori_deploy.motion import Interference, SpanFolding, mechanism_of
+from ori_deploy.page.content import CREASE_COLOURS, Content, content_of, rgb, seen_along
+from ori_deploy.page.glb import body, painted, rods
+from ori_deploy.page.judging import Judge, Verdict
+from ori_deploy.page.panel import span_html, verdict_html
 from ori_deploy.page.placing import Mover
-from ori_deploy.page.section import draw, section_of
+from ori_deploy.page.section import draw, section_of, sized
+from ori_deploy.page.shown import Shown
+from ori_deploy.profiles import Superellipse
+from ori_deploy.profiles.cone import Cone
 from ori_deploy.view.ink import cell_colour
+from tests.page.conftest import EXAMPLES
 
 NAMES = ("wing", "span", "cone")
 
@@ -105,7 +112,7 @@ def test_creases_stay_on_both_panels_that_they_join(made: Path) -> None:
 
 def test_a_body_is_valid_gltf_of_triangles(made: Path) -> None:
     content, _ = shown(made, "wing")
-    data = painted(content.panels[0].solid, content.panels[0].colour)
+    data = body([painted(content.panels[0].solid, content.panels[0].colour)])
     magic, version, length = struct.unpack_from("<4sII", data)
     assert (magic, version, length) == (b"glTF", 2, len(data))
     size, kind = struct.unpack_from("<I4s", data, 12)
@@ -144,3 +151,115 @@ def test_the_section_is_drawn_to_scale_with_its_dimensions(made: Path) -> None:
     assert drawn.count("<polygon") == 16
     assert "250.0 mm" in drawn
     assert drawn.count('fill="#d4002a"') == 1
+
+
+def test_all_that_reach_into_each_other_are_red_and_the_deepest_are_told() -> None:
+    structure = build_from_file(EXAMPLES / "wing_naca0024_6.toml")[1]
+    mechanism = mechanism_of(structure, 1.0)
+    interference, ids = Interference(mechanism), mechanism.layout.panel_ids
+    fold = np.ones(mechanism.n_cells)
+    fold[[1, 3]] = 0.0
+    pairs = interference.touching(fold)
+    found = [interference.depth_m(fold, int(pair)) for pair in pairs]
+    depths = sorted(found, reverse=True)
+    assert sorted(found[:6]) != sorted(depths[:6])  # the first ones are not the deepest
+    verdict = Judge(mechanism).judge(fold)
+    assert len(pairs) > 6  # or nothing would be left out
+    assert [one.depth_m for one in verdict.collisions] == pytest.approx(depths[:6])
+    assert verdict.red == {ids[panel] for panel in interference.pairs[:, pairs].ravel()}
+    assert len(verdict.others) == len(pairs) - 6
+    assert f"and {len(pairs) - 6} more pairs" in verdict_html(verdict)
+
+
+def test_none_is_left_out_among_pairs_that_are_all_as_deep() -> None:
+    """Bisection alone would never part them."""
+    structure = build_from_file(EXAMPLES / "wing_naca0024_6.toml")[1]
+    interference = Interference(mechanism_of(structure, 1.0))
+    fold = np.ones(6)
+    fold[3] = 0.0
+    pairs = np.repeat(interference.touching(fold)[:1], 5)
+    deepest, rest = interference.deepest(fold, pairs, 2)
+    assert (len(deepest), len(rest)) == (2, 3)
+
+
+def test_a_folded_span_is_judged_too_and_one_that_nobody_measured_is_told(made: Path) -> None:
+    _, mover = shown(made, "span")
+    assert mover.span is not None
+    stowed = np.zeros(4)
+    for folded in (0.2, 0.7, 1.0):
+        assert Judge(mover.mechanism, mover.span).judge(stowed, folded).segments is None
+    # Hinges within the stack instead of on its faces: now segments fold into each other.
+    wrong = SpanFolding(mover.span.mechanism, mover.span.span_m, mover.span.segments)
+    vars(wrong)["chain"] = replace(mover.span.chain, hinge_y=np.zeros(2))
+    verdict = Judge(mover.mechanism, wrong).judge(stowed, 0.9)
+    assert verdict.segments is not None
+    assert verdict.segments.depth_m > 1e-3
+    assert f"{1e3 * verdict.segments.depth_m:.2f} mm" in span_html(verdict, 0.9)
+    fine = Verdict((), None, ("", ""))
+    assert "not measured" in span_html(fine, None)
+    assert "do not reach" in span_html(fine, 0.5)
+    assert span_html(fine, 0.0) == ""
+
+
+def test_a_cone_s_outer_end_is_told_with_its_depth(made: Path) -> None:
+    content, mover = shown(made, "cone")
+    places = mover.panels(np.full(6, 0.5))
+    numbers = [mover.mechanism.layout.panel_ids.index(panel.id) for panel in content.panels]
+    section = section_of(content, places, numbers)
+    matrices = places.matrices()
+    ends = np.concatenate(
+        [
+            np.split(panel.solid.vertices, 2)[1] @ matrices[k, :3, :3].T + matrices[k, :3, 3]
+            for panel, k in zip(content.panels, numbers, strict=True)
+        ]
+    )
+    assert section.size == pytest.approx(np.ptp(ends, axis=0))  # this one's axis is z
+    assert section.size[2] > 0.2
+    told = " × ".join(f"{1e3 * side:.1f}" for side in section.size)
+    assert sized(content, section)[0] == ("outer end here", f"{told} mm")
+    assert "outer end, seen along the axis" in draw(content, section, frozenset())
+
+
+def test_a_cone_is_seen_along_its_own_axis() -> None:
+    leaning = Cone(Superellipse(0.2, 0.2), (-1.0, 0.0, 0.0), 1.0)
+    seen = seen_along(leaning)
+    assert seen @ seen.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(seen) == pytest.approx(1.0)
+    assert seen[2] == pytest.approx([np.sqrt(0.5), 0.0, np.sqrt(0.5)], abs=0.02)
+    below = Cone(Superellipse(0.2, 0.2), (0.0, 0.0, 0.0), -1.0)
+    assert seen_along(below)[2] == pytest.approx([0.0, 0.0, -1.0])
+
+
+def test_rods_are_closed_and_face_outwards() -> None:
+    ends = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [[1.0, 0.0, 0.0], [1.0, 3.0, 0.0]]])
+    points, colours = rods(ends, (255, 0, 0), 0.1)
+    a, b, c = points.reshape(-1, 3, 3).transpose(1, 0, 2)
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
+    assert volume == pytest.approx(0.02 * (2.0 + 3.0))
+    assert colours == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(points), 1)))
+
+
+@pytest.mark.parametrize("name", ["wing", "span"])
+def test_moving_sends_poses_and_nothing_else(made: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    content, mover = shown(made, name)
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        there = Shown(server, content, mover)
+        there.pose(np.ones(4))
+        sent: list[str] = []
+        buffer = server._websock_server.get_message_buffer()
+        monkeypatch.setattr(buffer, "push", lambda message: sent.append(type(message).__name__))
+        there.pose(np.full(4, 0.3))
+        there.pose(np.zeros(4), 1.0 if name == "span" else 0.0)
+        assert set(sent) == {"SetOrientationMessage", "SetPositionMessage"}
+        sent.clear()
+        there.redden(frozenset({"c1.ac"}))
+        there.redden(frozenset())
+        first = list(sent)
+        sent.clear()
+        there.redden(frozenset({"c1.ac"}))
+        assert sum("Glb" in one for one in first) == content.segments
+        assert not any("Glb" in one for one in sent)  # a red body is uploaded once
+        assert sent
+    finally:
+        server.stop()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from ori_deploy.errors import InputError
-from ori_deploy.page.channel import STOP, Wish, asked_for
+from ori_deploy.page.channel import STOP, Asked, Wish, asked_for
 from ori_deploy.page.control import Control
 from ori_deploy.page.door import Door, part_of
 
@@ -112,11 +112,16 @@ def test_beyond_loopback_has_to_be_said_and_tokens_are_new_each_time() -> None:
 @given(st.text(max_size=60) | st.binary(max_size=60))
 def test_what_is_no_message_of_ours_is_not_heard(words: str | bytes) -> None:
     asked = asked_for(words)
-    assert asked is None or asked == STOP or asked in set(Wish)
+    assert asked is None or asked.do == STOP or asked.do in set(Wish)
 
 
 def test_only_what_the_bar_can_ask_is_heard() -> None:
-    assert asked_for(json.dumps({"do": "stop"})) == "stop"
+    assert asked_for(json.dumps({"do": "stop"})) == Asked("stop")
+    assert asked_for(json.dumps({"do": "stop", "id": 7, "again": True})) == Asked("stop", id=7, again=True)
+    assert asked_for(json.dumps({"do": "deploy", "seen": 3, "span_unfolded": True})) == Asked(
+        "deploy", seen=3, span_unfolded=True
+    )
+    assert asked_for(json.dumps({"do": "deploy", "seen": "3", "span_unfolded": "yes"})) == Asked("deploy")
     assert asked_for(json.dumps({"do": "estop"})) is None
     assert asked_for(json.dumps({"do": "stop", "pad": "x" * 300})) is None
     assert asked_for("[]") is None
