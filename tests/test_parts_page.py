@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from ori_deploy.cli.export import export
+from ori_deploy.export.films import FREE_THICKNESSES
 from ori_deploy.export.parts_spec import PartsSpec, load_parts_spec
-from ori_deploy.export.sheets import FREE_THICKNESSES
 
 PAGE = (Path(__file__).parents[1] / "docs" / "parts.md").read_text()
 

@@ -13,7 +13,7 @@ import click
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, OUT, print_table, warn
-from ori_deploy.cli.staging import Staging
+from ori_deploy.cli.staging import Staging, refuse_current, refuse_entangled
 from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.errors import InputError
 from ori_deploy.export.bodies import Bodies, Drive, plain_meshes
@@ -42,24 +42,30 @@ class Job:
     frames: int
 
     @cached_property
-    def parts(self) -> Parts:
-        """Printable parts."""
+    def _made(self) -> Parts:
+        """Parts, for themselves or for films."""
         hinges = () if self.rig is None else self.rig.hinges
         driven = {hinge.cell: hinge.crease for hinge in hinges}
         return build_parts(self.design, self.spec, driven=driven, plain=self.plain)
 
+    @cached_property
+    def parts(self) -> Parts:
+        """Printable parts."""
+        return self._made
+
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What did not fit, of all that was made."""
+        """What did not fit, of all that was asked for, each once: parts tell of their films, too."""
         made = vars(self)  # cached properties: nothing is made for this
         parts = made["parts"].remarks if "parts" in made else ()
         sheets: tuple[Sheet, ...] = made.get("sheets", ())
-        return tuple(str(remark) for remark in (*parts, *(r for sheet in sheets for r in sheet.remarks)))
+        told = (*parts, *(remark for sheet in sheets for remark in sheet.remarks))
+        return tuple(dict.fromkeys(str(remark) for remark in told))
 
     @cached_property
     def sheets(self) -> tuple[Sheet, ...]:
         """Films."""
-        return sheets_of(self.design, self.spec)
+        return sheets_of(self._made)
 
     @cached_property
     def bodies(self) -> Bodies:
@@ -189,6 +195,7 @@ def export(
     _refuse_words(wanted, bom, check, plain, frames)
     for path in (*wanted.values(), *([] if bom is None else [bom])):
         refuse_overwriting(path, *(given for given in (design_file, parts_file, rig_file) if given is not None))
+    _refuse_places(wanted, bom)
     design = load_design(design_file)
     layout = design.structure.layout
     rig = None if rig_file is None else resolve_rig(load_rig(rig_file), layout.cell_ids, layout.latch_points)
@@ -227,6 +234,19 @@ def _printable(job: Job) -> bool:
     findings = print_check(job.parts)
     click.echo(check_text(findings), nl=False)
     return all(finding.ok for finding in findings)
+
+
+def _refuse_places(wanted: Mapping[str, Path], bom: Path | None) -> None:
+    """Refuse, before anything is worked out, outputs that are in each other's way."""
+    outputs = [*wanted.values(), *([] if bom is None or str(bom) == "-" else [bom])]
+    if "urdf" in wanted:
+        from ori_deploy.export.urdf import mesh_folder
+
+        outputs.append(wanted["urdf"].parent / mesh_folder(wanted["urdf"]))
+    refuse_entangled(*outputs)
+    for name in ("stl", "dxf", "svg"):
+        if name in wanted:
+            refuse_current(wanted[name])
 
 
 def _refuse_words(wanted: Mapping[str, Path], bom: Path | None, check: bool, plain: bool, frames: int | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -37,29 +37,37 @@ class Staging:
     def file(self, target: Path) -> Path:
         """Where to write what becomes the file `target`."""
         refuse_unwritable(target, *(there for _, there in self._moves if not there.is_dir()))
+        refuse_entangled(target, *(there for _, there in self._moves))
         return self._beside(target)
 
     def folder(self, target: Path) -> Path:
         """An empty folder that becomes `target`."""
         if target.exists() and not target.is_dir():
             raise FileError(f"{target}: not a folder", limit="a folder", remedy="choose another name")
-        if any(target.resolve() == there.resolve() for _, there in self._moves):
-            raise FileError(f"{target}: two outputs of one name", remedy="choose another name for one of them")
+        refuse_entangled(target, *(there for _, there in self._moves))
+        refuse_current(target)
         here = self._beside(target)
         here.mkdir()
         return here
 
     def _beside(self, target: Path) -> Path:
-        parent = target.resolve().parent
+        place = target.resolve()
         try:
-            parent.mkdir(parents=True, exist_ok=True)
-            temporary = Path(tempfile.mkdtemp(dir=parent, prefix=f".{target.name}."))
+            self._make(place.parent)
+            temporary = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
         except OSError as wrong:
             raise _unwritable(target, wrong) from wrong
         self._made.callback(shutil.rmtree, temporary, ignore_errors=True)
-        here = temporary / target.name
+        here = temporary / place.name
         self._moves.append((here, target))
         return here
+
+    def _make(self, folder: Path) -> None:
+        """Make a folder and those above it; what nothing was put into is gone at the end."""
+        missing = [each for each in (folder, *folder.parents) if not each.exists()]
+        for each in reversed(missing):
+            each.mkdir(exist_ok=True)
+            self._made.callback(_remove_empty, each)
 
     def _move(self) -> None:
         for here, target in self._moves:
@@ -76,6 +84,38 @@ class Staging:
             if isinstance(wrong, OSError):
                 raise _unwritable(target, wrong) from wrong
             raise
+
+
+def refuse_entangled(*outputs: Path) -> None:
+    """Refuse outputs that are one another, or of which one lies in another."""
+    for k, path in enumerate(outputs):
+        for other in outputs[:k]:
+            one, two = path.resolve(), other.resolve()
+            if one == two:
+                raise FileError(f"{path}: two outputs of one name", remedy="choose another name for one of them")
+            inner, outer = (path, other) if one.is_relative_to(two) else (other, path)
+            if inner.resolve().is_relative_to(outer.resolve()):
+                raise FileError(
+                    f"{inner}: lies in another output",
+                    value=str(outer),
+                    limit="outputs beside each other: a folder is replaced as a whole",
+                    remedy="choose another folder for one of them",
+                )
+
+
+def refuse_current(folder: Path) -> None:
+    """Refuse to make anew the folder one is in, or one above it."""
+    if Path.cwd().is_relative_to(folder.resolve()):
+        raise FileError(
+            f"{folder}: the current folder cannot be made anew",
+            limit="a new folder, or one that holds nothing but what is written",
+            remedy="name a folder in it, as in --stl parts",
+        )
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):  # something is in it
+        folder.rmdir()
 
 
 def _put(here: Path, target: Path, undo: list[Callable[[], object]]) -> None:

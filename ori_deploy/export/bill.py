@@ -47,7 +47,8 @@ class Bill:
     Attributes
     ----------
     items
-        Material, film, magnets, servos, piano hinges: those that there are.
+        Material, film, magnets, servos, piano hinges: those that there are. Of plain parts the bill tells what the
+        finished structure carries, too; only their volume is without pockets.
     panel_kg
         Mass by panel, with all that sits on it; of span segments together.
     fold
@@ -124,6 +125,7 @@ def _masses(parts: Parts) -> Iterator[_Mass]:
         yield _Mass("panels", part.panel, part.centroid, spec.material.density_kg_m3 * part.volume_m3)
         for strip in part.films:
             yield _Mass("film", part.panel, strip.at, film * strip.area_m2)
+    for part in parts.worked.parts:
         for pocket in part.pockets:
             if pocket.kind == "magnet":
                 yield _Mass("magnets", part.panel, pocket.at, 1e-3 * spec.magnet.mass_g)
@@ -146,12 +148,14 @@ def _items(parts: Parts, masses: list[_Mass]) -> tuple[Item, ...]:
     spec = parts.spec
     creases = {strip.crease for part in parts.parts for strip in part.films}
     film = sum(strip.area_m2 for part in parts.parts for strip in part.films)
-    hinges = {p.name for part in parts.parts for p in part.pockets if p.kind == "leaf"}
+    hinges = {p.name for part in parts.worked.parts for p in part.pockets if p.kind == "leaf"}
+    mounted = len(parts.worked.mounted)
+    mounts = "" if mounted == len(parts.driven) else f"mounts for {mounted} of them"
     told = {
         "panels": (f"panels of {spec.material.name}", f"{1e6 * parts.volume_m3:.1f} cm³", len(parts.parts)),
         "film": (f"{spec.film.name}, {spec.film.thickness_um:g} µm", f"{1e4 * film:.1f} cm²", len(creases)),
         "magnets": (spec.magnet.name, "", sum(m.thing == "magnets" for m in masses)),
-        "servos": (spec.horn.name, "", len(parts.driven)),
+        "servos": (spec.horn.name, mounts, len(parts.driven)),
         "piano hinges": (f"piano hinge, pin {spec.span_hinge.pin_diameter_mm:g} mm", "", len(hinges)),
     }
     return tuple(

@@ -43,7 +43,7 @@ def need(module: str, extra: str) -> Any:
             f"export: {module} is not installed",
             value=str(why),
             limit=f"the extra `{extra}`",
-            remedy=f"pip install 'ori-deploy[{extra}]'",
+            remedy=f"pip install -e '.[{extra}]'",
         ) from why
 
 
@@ -124,11 +124,28 @@ def punch(loops: list[Reals], origin: Vectors, right: Vectors, up: Vectors, dept
     return loft(drawn - depth * towards, drawn + lift * towards, triangulated(loops), starts)
 
 
+def swept(first: Body, second: Body) -> Body:
+    """The smallest convex body round two: what a convex one sweeps on a short way from the one place to the other."""
+    return need("manifold3d", "export").Manifold.batch_hull([first, second])
+
+
+def joined(bodies: list[Body]) -> Body:
+    """All of several bodies as one."""
+    m = need("manifold3d", "export")
+    return m.Manifold.batch_boolean(bodies, m.OpType.Add)
+
+
 def circle(radius: float) -> Reals:
     """(n, 2) a polygon of the circle's area."""
     angle = 2.0 * np.pi * np.arange(ROUND_SIDES) / ROUND_SIDES
     equal = radius * np.sqrt(2.0 * np.pi / (ROUND_SIDES * np.sin(2.0 * np.pi / ROUND_SIDES)))
     return np.asarray(equal * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def around(radius: float) -> Reals:
+    """(n, 2) a polygon round the circle: what turns in it touches none of its sides."""
+    angle = 2.0 * np.pi * np.arange(ROUND_SIDES) / ROUND_SIDES
+    return np.asarray(radius / np.cos(np.pi / ROUND_SIDES) * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def upright(axis: Vectors) -> tuple[Vectors, Vectors]:

@@ -10,9 +10,9 @@ from matplotlib.textpath import TextPath
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
-from ori_deploy.export.kernel import punch
+from ori_deploy.export.kernel import punch, triangulated
 from ori_deploy.export.parts_spec import TextSpec
-from ori_deploy.export.workpiece import Plane, Workpiece
+from ori_deploy.export.workpiece import Cut, Plane, Workpiece
 from ori_deploy.profiles.profile import Reals
 
 _EM = 0.76
@@ -55,7 +55,7 @@ def engrave(piece: Workpiece, spec: TextSpec, beside_m: float) -> None:
     if plane is None:
         piece.remark(name, "no inner face", f"{spec.height_mm:g} mm", "a larger wall_m")
         return
-    found = {s: _room(piece, plane, s, length, height, beside_m) for s in _stations(piece, length)}
+    found = {s: _room(piece, plane, s, (length, height), beside_m, depth) for s in _stations(piece, length)}
     s = next((s for s, (_, deep) in found.items() if deep >= depth + piece.wall_m), None)
     if s is None:
         width, deep = max(found.values(), key=lambda room: room[1], default=(0.0, 0.0))
@@ -72,8 +72,11 @@ def engrave(piece: Workpiece, spec: TextSpec, beside_m: float) -> None:
     if mirrored:
         drawn = [np.ascontiguousarray((loop * np.array([-1.0, 1.0]))[::-1]) for loop in drawn]
     at = plane.point(s, beside_m + 0.5 * (found[s][0]))
-    tool = punch(drawn, at, plane.along, np.cross(plane.outward, plane.along), depth, depth)
-    piece.cut(tool, "text", name, at)
+    up = np.cross(plane.outward, plane.along)
+    flat = np.concatenate(drawn)[triangulated(drawn)].mean(axis=1)
+    floor = at - depth * plane.outward + flat[:, :1] * plane.along + flat[:, 1:] * up
+    tool = punch(drawn, at, plane.along, up, depth, depth)
+    piece.take(Cut(tool, "text", name, at, floor=floor, into=-plane.outward))
 
 
 def _stations(piece: Workpiece, length: float) -> list[float]:
@@ -84,13 +87,14 @@ def _stations(piece: Workpiece, length: float) -> list[float]:
 
 
 def _room(
-    piece: Workpiece, plane: Plane, s: float, length: float, height: float, beside: float
+    piece: Workpiece, plane: Plane, s: float, size: tuple[float, float], beside: float, depth: float
 ) -> tuple[float, float]:
     """Width of face beside the film, and the least thickness under the text; none where it is too narrow."""
+    length, height = size
     x = 0.5 * length * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     width = min(plane.width(s + x[0]), plane.width(s + x[-1])) - beside
     if width < height + 2.0 * piece.wall_m:
         return max(width, 0.0), 0.0
     across = beside + 0.5 * width + 0.5 * height * np.array([-1.0, 0.0, 1.0])
     at = np.array([plane.point(s + dx, a) for dx in x for a in across])
-    return width, float(piece.depth(at, -plane.outward).min())
+    return width, float(piece.room(at, -plane.outward, depth).min())

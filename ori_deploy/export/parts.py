@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from ori_deploy.design import Structure
-from ori_deploy.export.horns import check_driven, mount_horn
+from ori_deploy.export.films import LetIn, let_in_films, measure_films, shorten_films
+from ori_deploy.export.horns import check_driven, mount_horns
 from ori_deploy.export.kernel import Triangles, need, surface
 from ori_deploy.export.lettering import engrave
 from ori_deploy.export.magnets import Slit, set_magnets
 from ori_deploy.export.parts_spec import PartsSpec
-from ori_deploy.export.recesses import clear, clear_end, let_in_films, measure_films
+from ori_deploy.export.recesses import clear, clear_end
 from ori_deploy.export.rulings import Kind, panel_shape, s_range, to_user
 from ori_deploy.export.solids import panel_body
 from ori_deploy.export.span_hinges import let_in_hinge
@@ -121,6 +122,17 @@ class Parts:
     def volume_m3(self) -> float:
         return sum(part.volume_m3 for part in self.parts)
 
+    @cached_property
+    def worked(self) -> Parts:
+        """These parts with everything cut: themselves, but where they are plain."""
+        return build_parts(self.design, self.spec, driven=self.driven) if self.plain else self
+
+    @property
+    def mounted(self) -> tuple[str, ...]:
+        """Driven creases ("c1.close_a") whose horn has a mount."""
+        names = {pocket.name for part in self.parts for pocket in part.pockets if pocket.kind == "horn"}
+        return tuple(name for cell, crease in self.driven.items() if f"horn {(name := f'{cell}.{crease}')}" in names)
+
 
 def build_parts(
     design: Design, spec: PartsSpec | None = None, *, driven: Mapping[str, str] | None = None, plain: bool = False
@@ -147,8 +159,8 @@ def build_parts(
     for piece in pieces.values():
         measure_films(piece, spec.film, design.structure.layout)
     if not plain:
-        for segment in range(design.span_segments):
-            _work(design, spec, driven, {p: piece for (p, k), piece in pieces.items() if k == segment}, segment)
+        segments = [{p: piece for (p, k), piece in pieces.items() if k == n} for n in range(design.span_segments)]
+        remarks += _work(design, spec, driven, segments)
     parts = tuple(_finished(piece, segment) for (_, segment), piece in sorted(pieces.items()))
     remarks += [remark for _, piece in sorted(pieces.items()) for remark in piece.remarks]
     return Parts(design, spec, driven, plain, parts, tuple(remarks))
@@ -178,28 +190,31 @@ def _blanks(design: Design, spec: PartsSpec) -> tuple[dict[tuple[int, int], Work
 
 
 def _work(
-    design: Design, spec: PartsSpec, driven: Mapping[str, str], pieces: Mapping[int, Workpiece], segment: int
-) -> None:
-    """Cut everything into the parts of one segment."""
+    design: Design, spec: PartsSpec, driven: Mapping[str, str], segments: list[dict[int, Workpiece]]
+) -> list[Remark]:
+    """Cut everything into the parts of all segments; what has no place yet comes after what has one."""
     layout, last = design.structure.layout, design.span_segments - 1
-    for panel, piece in pieces.items():
-        clear(piece, spec.clearance, bool(layout.is_slit[panel]))
-        for at_high, is_cut in ((False, segment > 0), (True, segment < last)):
-            if is_cut:
-                clear_end(piece, at_high, 1e-3 * spec.clearance.segment_mm)
-        let_in_films(piece, spec.film, layout)
-    for slit in _slits(design, spec, pieces):
-        set_magnets(slit, spec.magnet, 1e-3 * spec.text.depth_mm)
-    if segment == 0:
-        for cell, crease in driven.items():
-            mount_horn(pieces, design.structure, layout.cell_ids.index(cell), crease, spec.horn)
-    for hinge, panel in _hinges(design, segment):
-        let_in_hinge(pieces[panel], hinge, spec.span_hinge)
-    for piece in pieces.values():
-        engrave(piece, spec.text, 1e-3 * spec.film.glue_mm)
+    films: list[tuple[Workpiece, list[LetIn]]] = []
+    for segment, pieces in enumerate(segments):
+        for panel, piece in pieces.items():
+            clear(piece, spec.clearance, bool(layout.is_slit[panel]))
+            for at_high, is_cut in ((False, segment > 0), (True, segment < last)):
+                if is_cut:
+                    clear_end(piece, at_high, 1e-3 * spec.clearance.segment_mm)
+            films.append((piece, let_in_films(piece, pieces, spec, layout)))
+    _hang(design, spec, segments)
+    remarks = mount_horns(segments[0], design, driven, spec)
+    for segment, pieces in enumerate(segments):
+        for slit in _slits(design, spec, pieces, segment):
+            set_magnets(slit, spec)
+        for piece in pieces.values():
+            engrave(piece, spec.text, 1e-3 * spec.film.glue_mm)
+    for piece, let_in in films:
+        shorten_films(piece, let_in)
+    return remarks
 
 
-def _slits(design: Design, spec: PartsSpec, pieces: Mapping[int, Workpiece]) -> list[Slit]:
+def _slits(design: Design, spec: PartsSpec, pieces: Mapping[int, Workpiece], segment: int) -> list[Slit]:
     layout = design.structure.layout
     clear_m = 0.0 if design.span_segments == 1 else 1e-3 * (spec.span_hinge.leaf_width_mm + spec.print.wall_mm)
     found = []
@@ -211,7 +226,7 @@ def _slits(design: Design, spec: PartsSpec, pieces: Mapping[int, Workpiece]) -> 
         ]
         even, odd = sorted(panels, key=lambda p: p % 2)
         if even in pieces and odd in pieces:
-            found.append(Slit(name, (pieces[even], pieces[odd]), clear_m))
+            found.append(Slit(name, (pieces[even], pieces[odd]), clear_m, segment))
     return found
 
 
@@ -219,14 +234,15 @@ def _edge(cell: tuple[int, int, int, int], k: int) -> tuple[int, int]:
     return cell[k], cell[(k + 1) % 4]
 
 
-def _hinges(design: Design, segment: int) -> list[tuple[Any, int]]:
-    """Piano hinges at a segment's ends, and the panel that carries each."""
+def _hang(design: Design, spec: PartsSpec, segments: list[dict[int, Workpiece]]) -> None:
+    """Let in the piano hinges between segments."""
     structure = design.structure
-    if design.span_segments == 1 or not isinstance(structure, Structure):
-        return []
-    hinges = SpanFolding(Mechanism(structure), design.span_m, design.span_segments).hinges
+    if len(segments) == 1 or not isinstance(structure, Structure):
+        return
+    mechanism = Mechanism(structure)
     ids = structure.layout.panel_ids
-    return [(hinges[k], ids.index(hinges[k].panel)) for k in (segment - 1, segment) if 0 <= k < len(hinges)]
+    for k, hinge in enumerate(SpanFolding(mechanism, design.span_m, design.span_segments).hinges):
+        let_in_hinge((segments[k], segments[k + 1]), ids.index(hinge.panel), hinge, mechanism, spec.span_hinge)
 
 
 def _finished(piece: Workpiece, segment: int) -> Part:

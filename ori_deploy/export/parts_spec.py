@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationError
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
 
 from ori_deploy.files.profile_spec import Strict
 from ori_deploy.files.text import read_toml, refuse_keys
@@ -14,6 +15,7 @@ PARTS_SCHEMA = "ori-deploy/parts/1"
 
 _Positive = Annotated[float, Field(strict=True, gt=0.0, le=1e5, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(strict=True, ge=0.0, le=1e5, allow_inf_nan=False)]
+_Signed = Annotated[float, Field(strict=True, ge=-1e5, le=1e5, allow_inf_nan=False)]
 
 
 class PrintSpec(Strict):
@@ -61,12 +63,17 @@ class ClearanceSpec(Strict):
 
 
 class MagnetSpec(Strict):
-    """`[magnet]`: round ones in both faces of every slit; the pocket is wider by `clearance_mm` all round."""
+    """`[magnet]`: round ones in both faces of every slit.
+
+    The pocket is wider by `clearance_mm` all round, and deeper by `axial_mm` below the finished face, so that no
+    magnet keeps a slit open. `spacing_mm` along the span, about.
+    """
 
     name: Annotated[str, Field(min_length=1, max_length=60)] = "magnet 5 x 1 mm"
     diameter_mm: _Positive = 5.0
     depth_mm: _Positive = 1.0
     clearance_mm: _NotNegative = 0.1
+    axial_mm: _NotNegative = 0.05
     spacing_mm: _Positive = 100.0
     mark_mm: _NotNegative = 2.0
     mass_g: _NotNegative = 0.15
@@ -76,31 +83,80 @@ class MagnetSpec(Strict):
         """Diameter of the pocket."""
         return self.diameter_mm + 2.0 * self.clearance_mm
 
+    @property
+    def pocket_depth_mm(self) -> float:
+        """Depth of the pocket below the finished face."""
+        return self.depth_mm + self.axial_mm
+
 
 class HornSpec(Strict):
     """`[horn]`: a servo's horn about a driven crease, let into the end of the span.
 
     `hub_diameter_mm` and `thickness_mm` of the horn, screws of `screw_diameter_mm` (the hole's) on a circle of
-    diameter `screw_circle_mm`, as many of `screws` as hit the panel, `depth_mm` deep below the horn.
+    diameter `screw_circle_mm`, as many of `screws` as hit the panel, `depth_mm` deep below the horn. The recess is
+    wider by `clearance_mm` all round and as much deeper; in panels that turn against the horn twice as much deeper.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=60)] = "servo"
     hub_diameter_mm: _Positive = 20.0
     thickness_mm: _Positive = 2.0
+    clearance_mm: _NotNegative = 0.2
     screw_circle_mm: _Positive = 16.0
     screws: Annotated[int, Field(strict=True, ge=1, le=24)] = 8
     screw_diameter_mm: _Positive = 1.6
     depth_mm: _Positive = 6.0
     mass_g: _NotNegative = 18.0
 
+    @property
+    def recess_mm(self) -> float:
+        """Diameter of the recess."""
+        return self.hub_diameter_mm + 2.0 * self.clearance_mm
+
+    @model_validator(mode="after")
+    def _screws_lie_on_the_hub(self) -> Self:
+        taken = self.screw_circle_mm + self.screw_diameter_mm
+        if taken > self.hub_diameter_mm:
+            raise ValueError(
+                f"horn.screw_circle_mm + horn.screw_diameter_mm ({taken:g} mm) at most horn.hub_diameter_mm "
+                f"({self.hub_diameter_mm:g} mm)"
+            )
+        return self
+
+
+class ServoSpec(Strict):
+    """`[servo]`: how a servo's body is fixed beyond the end of the panel before its crease.
+
+    `bolts_mm` are places (x, y) of its screws from the shaft, seen from the servo; the pattern is turned about the
+    shaft until most of them hit the panel. None: the body's mount is left to the user. `reach_mm` is how far the
+    body reaches from the shaft; servos that could meet are told. 0: not looked at.
+    """
+
+    bolts_mm: tuple[tuple[_Signed, _Signed], ...] = ()
+    bolt_diameter_mm: _Positive = 2.0
+    depth_mm: _Positive = 8.0
+    reach_mm: _NotNegative = 0.0
+
 
 class SpanHingeSpec(Strict):
-    """`[span_hinge]`: piano hinges between span segments: the pin's knuckles, and a leaf on either side."""
+    """`[span_hinge]`: piano hinges between span segments: the pin's knuckles, and a leaf on either side.
+
+    Grooves of knuckles are wider by `clearance_mm` all round.
+    """
 
     pin_diameter_mm: _Positive = 1.2
+    clearance_mm: _NotNegative = 0.15
     leaf_width_mm: _Positive = 6.0
     leaf_thickness_mm: _Positive = 0.3
     mass_g_m: _NotNegative = 10.0
+
+    @model_validator(mode="after")
+    def _leaves_are_thinner_than_knuckles(self) -> Self:
+        if self.leaf_thickness_mm > 0.5 * self.pin_diameter_mm:
+            raise ValueError(
+                f"span_hinge.leaf_thickness_mm ({self.leaf_thickness_mm:g} mm) at most half of "
+                f"span_hinge.pin_diameter_mm ({0.5 * self.pin_diameter_mm:g} mm): the pin lies in the face"
+            )
+        return self
 
 
 class TextSpec(Strict):
@@ -120,8 +176,36 @@ class PartsSpec(Strict):
     clearance: ClearanceSpec = ClearanceSpec()
     magnet: MagnetSpec = MagnetSpec()
     horn: HornSpec = HornSpec()
+    servo: ServoSpec = ServoSpec()
     span_hinge: SpanHingeSpec = SpanHingeSpec()
     text: TextSpec = TextSpec()
+
+    @property
+    def magnet_pitch_mm(self) -> float:
+        """Least distance of two magnets along the span: a pocket, its mark, and a wall on both sides of the mark."""
+        mark = self.magnet.mark_mm + self.print.wall_mm if self.magnet.mark_mm > 0.0 else 0.0
+        return self.magnet.pocket_mm + mark + self.print.wall_mm
+
+    @model_validator(mode="after")
+    def _tables_agree(self) -> Self:
+        magnet, horn, wall = self.magnet, self.horn, self.print.wall_mm
+        if magnet.spacing_mm < self.magnet_pitch_mm:
+            raise ValueError(
+                f"magnet.spacing_mm ({magnet.spacing_mm:g} mm) at least {self.magnet_pitch_mm:g} mm: "
+                "magnet.diameter_mm + 2 magnet.clearance_mm + magnet.mark_mm, and print.wall_mm on either side of it"
+            )
+        if self.clearance.slit_mm >= magnet.depth_mm:
+            raise ValueError(
+                f"clearance.slit_mm ({self.clearance.slit_mm:g} mm) less than magnet.depth_mm "
+                f"({magnet.depth_mm:g} mm): magnets do not pull across a wider gap"
+            )
+        apart = horn.screw_circle_mm * float(np.sin(np.pi / horn.screws))
+        if horn.screws > 1 and apart < horn.screw_diameter_mm + wall:
+            raise ValueError(
+                f"horn.screws = {horn.screws} stand {apart:.2f} mm apart on horn.screw_circle_mm; at least "
+                f"horn.screw_diameter_mm + print.wall_mm ({horn.screw_diameter_mm + wall:g} mm)"
+            )
+        return self
 
 
 def load_parts_spec(path: Path) -> PartsSpec:

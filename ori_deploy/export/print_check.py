@@ -67,8 +67,9 @@ def print_check(parts: Parts) -> tuple[Finding, ...]:
 def walls(part: Part) -> tuple[Vectors, Reals]:
     """How thick a part is, measured straight through from places on its surface.
 
-    From places spread evenly, and from one in every plane, so that floors of pockets are seen. What lies between
-    faces that are not nearly parallel is a corner, and no wall.
+    From places spread evenly, from one in every large plane, and from the floor of every pocket: a cone's spheres
+    are thousands of planes. What lies between faces that are not nearly parallel is a corner, and no wall; under a
+    floor it is one.
 
     Returns
     -------
@@ -89,7 +90,19 @@ def walls(part: Part) -> tuple[Vectors, Reals]:
     thick, through = exits(part.points, part.triangles, at, -normal[chosen])
     facing = np.einsum("ni,ni->n", normal[chosen], normal[through])
     kept = (through >= 0) & (facing < _OPPOSITE)
-    return at[kept], thick[kept]
+    floor, under = _under_floors(part)
+    return np.vstack([at[kept], floor]), np.concatenate([thick[kept], under])
+
+
+def _under_floors(part: Part) -> tuple[Vectors, Reals]:
+    """(n, 3) places on floors of pockets, and (n,) what is left there; none where another pocket took it."""
+    floor = np.vstack([np.zeros((0, 3)), *(pocket.floor for pocket in part.pockets)])
+    into = np.vstack([np.zeros((0, 3)), *(np.tile(p.into, (len(p.floor), 1)) for p in part.pockets)])
+    if not len(floor):
+        return floor, np.zeros(0)
+    thick, through = exits(part.points, part.triangles, floor, into)
+    there = through >= 0
+    return floor[there], thick[there]
 
 
 def _wall(part: Part, spec: PrintSpec) -> Finding:

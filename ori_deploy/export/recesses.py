@@ -1,8 +1,8 @@
-"""Recesses for film at every crease, and clearance on faces that meet.
+"""Clearance on faces that meet, and which strip of a panel's surface a crease's film lies on.
 
 A crease's film lies where the crease folds to: an opening crease's on the outer skin, or on the back where no skin is
-left beside it, a closing crease's on the inner faces. It is let in flush, so faces close on each other over it. Its
-strip keeps its depth everywhere; on a cone its width shrinks towards the apex like the panels.
+left beside it, a closing crease's on the inner faces. On a cone the strip's width shrinks towards the apex like the
+panels. How it is let in there: `films`.
 """
 
 from __future__ import annotations
@@ -10,11 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from ori_deploy.export.kernel import punch, slab
-from ori_deploy.export.parts_spec import ClearanceSpec, FilmSpec
+from ori_deploy.export.parts_spec import ClearanceSpec
 from ori_deploy.export.rulings import Face, Kind, PanelShape, Rulings
-from ori_deploy.export.workpiece import FilmStrip, Workpiece
-from ori_deploy.layout import Layout
-from ori_deploy.motion import CREASES
+from ori_deploy.export.workpiece import Workpiece
 from ori_deploy.profiles.sphere import Vectors
 
 _LEAST_TURN = np.radians(10.0)
@@ -75,84 +73,18 @@ def middle(row: Rulings, piece: Workpiece) -> Vectors:
     return np.asarray(row.at(0.5 * (piece.s_low + piece.s_high)).mean(axis=0))
 
 
-def film_row(shape: PanelShape, opening: bool, width_m: float, s_high: float) -> tuple[Rulings | None, float]:
-    """The strip of a panel's surface beside a crease that its film is glued to, and the face's width at `s_high`."""
-    even = shape.panel % 2 == 0
+def film_face(shape: PanelShape, opening: bool, s_high: float) -> Face | None:
+    """The face of a panel that the film of its opening or closing crease lies on."""
     kinds: tuple[Kind, ...] = ("skin", "back") if opening else ("inner",)
-    face = next((f for kind in kinds if (f := shape.face(kind, s_high))), None)
+    return next((face for kind in kinds if (face := shape.face(kind, s_high))), None)
+
+
+def film_row(shape: PanelShape, opening: bool, width_m: float, s_high: float) -> tuple[Rulings | None, float]:
+    """The strip of a panel's surface beside a crease that its film may cover, and the face's width at `s_high`."""
+    face = film_face(shape, opening, s_high)
     if face is None:
         return None, 0.0
     row = face.rulings
     # Even panels' faces run towards the crease, odd ones' away from it.
-    strip = row.reversed().first(width_m, s_high).reversed() if even else row.first(width_m, s_high)
+    strip = row.reversed().first(width_m, s_high).reversed() if shape.panel % 2 == 0 else row.first(width_m, s_high)
     return strip, float(row.widths(s_high).sum())
-
-
-def measure_films(piece: Workpiece, spec: FilmSpec, layout: Layout) -> None:
-    """Note what both films of a panel cover, whether or not they are let in."""
-    cell = layout.cell_ids[piece.shape.panel // 4]
-    for number, opening in zip(creases_of(piece.shape.panel), (True, False), strict=True):
-        row, face = film_row(piece.shape, opening, 1e-3 * spec.glue_mm, piece.s_high)
-        if row is None:
-            continue
-        length, width = piece.s_high - piece.s_low, min(face, 1e-3 * spec.glue_mm)
-        shape = 0.5 * (1.0 + piece.s_low / piece.s_high) if piece.shape.on_cone else 1.0
-        at = piece.placed(middle(row, piece))
-        piece.films.append(FilmStrip(f"{cell}.{CREASES[number]}", width, length, shape * width * length, at))
-
-
-def let_in_films(piece: Workpiece, spec: FilmSpec, layout: Layout) -> None:
-    """Cut the recesses for both films of a panel; narrow ones and those that do not fit are told."""
-    cell = layout.cell_ids[piece.shape.panel // 4]
-    depth, glue = 1e-6 * spec.thickness_um, 1e-3 * spec.glue_mm
-    for number, opening in zip(creases_of(piece.shape.panel), (True, False), strict=True):
-        name = f"film {cell}.{CREASES[number]}"
-        row, width = film_row(piece.shape, opening, glue, piece.s_high)
-        if row is None or width <= depth:
-            piece.remark(name, f"{1e3 * width:.2g} mm of face", f"{spec.glue_mm:g} mm", "another vertex, or a wall_m")
-            continue
-        needed = depth + 1e-3 * spec.floor_mm
-        start = _thick_enough(piece, row, needed)
-        if start >= piece.s_high:
-            thin = _thickness(piece, row)
-            piece.remark(
-                name,
-                f"{1e3 * thin:.2f} mm thick",
-                f"{1e3 * needed:.2f} mm: film and film.floor_mm",
-                "a thinner film, or a larger wall_m in the specification",
-            )
-            continue
-        low, high = beyond(piece)
-        if start > piece.s_low:
-            low = start
-            piece.remark(
-                name,
-                f"recess from {1e3 * start:.0f} mm on",
-                f"from {1e3 * piece.s_low:.0f} mm: too thin nearer the apex",
-                "a thinner film, or a larger r_min_m",
-                left_out=False,
-            )
-        if width < glue * (1.0 - 1e-9):
-            piece.remark(
-                name,
-                f"{1e3 * width:.2f} mm of face",
-                f"{spec.glue_mm:g} mm",
-                "a smaller film.glue_mm, or vertices further apart",
-                left_out=False,
-            )
-        piece.cut(slab(row, depth, max(depth, 1e-4), low, high), "film", name, middle(row, piece))
-
-
-def _thickness(piece: Workpiece, row: Rulings) -> float:
-    """How thick the panel is under the middle of a strip, at `s_high` or just before."""
-    s = piece.s_high - 1e-3 * (piece.s_high - piece.s_low)
-    half = row.first(0.5 * float(row.widths(s).sum()), s)
-    return float(piece.depth(half.at(s)[-1:], -half.normals(s)[-1])[0])
-
-
-def _thick_enough(piece: Workpiece, row: Rulings, needed: float) -> float:
-    """From where along the span a strip may be let in; on a cone thickness grows with the distance from the apex."""
-    thin = _thickness(piece, row)
-    if thin < needed:
-        return piece.s_high
-    return piece.s_high * needed / thin if piece.shape.on_cone else piece.s_low

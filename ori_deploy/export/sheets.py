@@ -1,31 +1,26 @@
 """Films of the creases, laid flat: what to cut, where it folds, where it is glued to which panel.
 
-A film lies over its crease in the recesses of both panels (`recesses`): on a cylinder a rectangle as long as the
-span, or as a segment of it; on a cone a sector between two radii, because everything there narrows towards the apex.
-Along the crease it stays free over a length in proportion to its thickness, and is glued beyond. A sheet is drawn as
-seen on the finished structure, from outside for opening creases and from inside the cell for closing ones, with the
-crease along x from the beginning of the span.
+A film lies over its crease in the recesses of both panels (`films`), and is cut as these were: on a cylinder a
+rectangle as long as the span, or as a segment of it, less a horn's recess; on a cone a sector between two radii,
+because everything there narrows towards the apex. Along the crease it stays free over a length in proportion to its
+thickness, or where the panel is too thin, and is glued beyond. A sheet is drawn as seen on the finished structure,
+from outside for opening creases and from inside the cell for closing ones, with the crease along x from the beginning
+of the span.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from ori_deploy.design import ConeStructure
-from ori_deploy.export.parts_spec import PartsSpec
-from ori_deploy.export.recesses import film_row
-from ori_deploy.export.rulings import Rulings, panel_shape, s_range
+from ori_deploy.export.parts import Part, Parts
 from ori_deploy.export.skeleton import Skeleton
-from ori_deploy.export.workpiece import Remark
+from ori_deploy.export.workpiece import FilmStrip, Remark
 from ori_deploy.files import Design
 from ori_deploy.motion import CREASES, NEXT_CREASE
 from ori_deploy.profiles.profile import Reals
-
-FREE_THICKNESSES = 20.0
-"""Free length across a crease over the film's thickness: folded shut it is stretched by pi / 40, or 8 %, outside."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +72,13 @@ class Sheet:
     fold
         (2, 2) ends of the crease.
     glue
-        Its zones, the upper one first; one of them is missing where its panel has too narrow a face.
+        Its zones, the upper one first; one of them is missing where the film is not let into its panel.
     length_m
         Of the crease.
     width_m
         Across it, at the wider end.
     remarks
-        Panels whose face beside the crease is too narrow to glue it to.
+        Of its two panels, what does not fit.
     """
 
     id: str
@@ -97,105 +92,112 @@ class Sheet:
 
 @dataclass(frozen=True)
 class _Side:
-    """A film on one panel: how far across it reaches from the crease; metres, on a cone radians."""
+    """A film on one panel: how far across it reaches (on a cone: radians), between which places, glued how."""
 
     panel: str
     reach: float
+    s_low: float
+    s_high: float
+    glue_from_m: float | None
 
 
-def sheets_of(design: Design, spec: PartsSpec) -> tuple[Sheet, ...]:
-    """The films of all creases, those of every span segment apart."""
+def sheets_of(parts: Parts) -> tuple[Sheet, ...]:
+    """The films of all creases as they are let into finished parts, those of every span segment apart."""
+    design, worked = parts.design, parts.worked
     skeleton = Skeleton(design)
-    low, high = s_range(design.structure, design.span_m, design.r_min_m)
+    found = {(part.panel, part.segment): part for part in worked.parts}
     made = []
     for cell, names in enumerate(skeleton.crease_names):
         for crease, name in enumerate(names):
-            sides = _sides(skeleton, cell, crease, 1e-3 * spec.film.glue_mm, 1e-3 * spec.print.chord_mm)
-            if not any(side.reach > 0.0 for side in sides):
-                continue  # two panels without material
-            for ending, start, stop in _segments(design, low, high, 1e-3 * spec.clearance.segment_mm):
-                made.append(_sheet(design, f"{name}{ending}", sides, start, stop, 1e-6 * spec.film.thickness_um))
+            panels = [4 * cell + k for k in _panels(skeleton, crease)]
+            for segment in range(design.span_segments):
+                both = [found.get((panel, segment)) for panel in panels]
+                films = [None if part is None else _film(part, name) for part in both]
+                sides = _sides([skeleton.layout.panel_ids[panel] for panel in panels], films)
+                if sides is None:
+                    continue  # two panels without material
+                ending = "" if design.span_segments == 1 else f".s{segment + 1}"
+                ids = {part.id for part in both if part is not None}
+                told = tuple(r for r in worked.remarks if r.part in ids and r.thing == f"film {name}")
+                made.append(_sheet(design, f"{name}{ending}", sides, told))
     return tuple(made)
 
 
-def _segments(design: Design, low: float, high: float, gap_m: float) -> list[tuple[str, float, float]]:
-    """Ending of the id, beginning and end of every span segment, with clearance at the cuts."""
-    n = design.span_segments
-    if n == 1:
-        return [("", low, high)]
-    cuts = np.linspace(low, high, n + 1)
-    starts, stops = cuts[:-1] + gap_m * (np.arange(n) > 0), cuts[1:] - gap_m * (np.arange(n) < n - 1)
-    return [(f".s{k + 1}", float(a), float(b)) for k, (a, b) in enumerate(zip(starts, stops, strict=True))]
+def _film(part: Part, crease: str) -> FilmStrip | None:
+    return next((film for film in part.films if film.crease == crease), None)
 
 
-def _sides(skeleton: Skeleton, cell: int, crease: int, glue_m: float, chord_m: float) -> tuple[_Side, _Side]:
-    """The film on both panels of a crease, the one that is drawn above first; it reaches 0 without a face for it."""
-    structure, unit = skeleton.design.structure, skeleton.design.unit_m
+def _panels(skeleton: Skeleton, crease: int) -> tuple[int, int]:
+    """Numbers within its cell of a crease's two panels, the one that is drawn above first."""
     first, opening = NEXT_CREASE.index(crease), CREASES[crease].startswith("open")
-    sides = []
-    for k in (first, (first + 1) % 4):
-        panel = 4 * cell + k
-        shape = panel_shape(structure, panel, chord_m / unit)
-        far = skeleton.design.r_max_m
-        strip = None if shape is None else film_row(shape, opening, glue_m, far)[0]
-        reach = 0.0 if strip is None else _reach(strip, isinstance(structure, ConeStructure))
-        sides.append(_Side(skeleton.layout.panel_ids[panel], reach))
+    after = (first + 1) % 4
     # Seen from outside, with the crease to the right, the panel that comes first counter-clockwise is above.
-    above_first = opening == skeleton.right_handed
-    return (sides[0], sides[1]) if above_first else (sides[1], sides[0])
+    return (first, after) if opening == skeleton.right_handed else (after, first)
 
 
-def _reach(strip: Rulings, on_cone: bool) -> float:
-    if not on_cone:
-        return float(strip.widths(0.0).sum())
-    ray, after = strip.direction[:-1], strip.direction[1:]
-    sine = np.linalg.norm(np.cross(ray, after), axis=1)
-    return float(np.arctan2(sine, (ray * after).sum(axis=1)).sum())
+def _sides(panels: list[str], films: list[FilmStrip | None]) -> tuple[_Side, _Side] | None:
+    """The film on both panels; None where neither has a face for it.
+
+    A side that is not glued is as long as the other: a horn that shortens that one is in its way, too.
+    """
+    there = [film for film in films if film is not None]
+    if not there:
+        return None
+    glued = [film for film in there if film.glue_from_m is not None] or there
+    low, high = min(film.s_low for film in glued), max(film.s_high for film in glued)
+    sides = []
+    for panel, film in zip(panels, films, strict=True):
+        if film is None or film.glue_from_m is None:
+            sides.append(_Side(panel, 0.0 if film is None else film.reach, low, high, None))
+        else:
+            sides.append(_Side(panel, film.reach, film.s_low, film.s_high, film.glue_from_m))
+    return sides[0], sides[1]
 
 
-def _sheet(design: Design, name: str, sides: tuple[_Side, _Side], low: float, high: float, thick_m: float) -> Sheet:
+def _sheet(design: Design, name: str, sides: tuple[_Side, _Side], remarks: tuple[Remark, ...]) -> Sheet:
     above, below = sides
-    free, length = 0.5 * FREE_THICKNESSES * thick_m, high - low
+    low, high = min(side.s_low for side in sides), max(side.s_high for side in sides)
     on_cone = isinstance(design.structure, ConeStructure)
-    zone = partial(_sector_beyond, low, high) if on_cone else partial(_band_beyond, length)
-    zones = [(above.panel, zone(free, above.reach)), (below.panel, _mirrored(zone(free, below.reach)))]
-    cut = _sector(low, high, -below.reach, above.reach) if on_cone else _band(length, -below.reach, above.reach)
+    zones = [(above.panel, _zone(above, on_cone)), (below.panel, _mirrored(_zone(below, on_cone)))]
+    glue = tuple(GlueZone(panel, _moved(ring, low)) for panel, ring in zones if ring is not None)
     width = (above.reach + below.reach) * (high if on_cone else 1.0)
-    fold = np.array([[0.0, 0.0], [length, 0.0]])
-    glue = tuple(GlueZone(panel, ring) for panel, ring in zones if ring is not None)
-    narrow = [side for side, (_, ring) in zip(sides, zones, strict=True) if ring is None]
-    remarks = tuple(_too_narrow(name, side, side.reach * (high if on_cone else 1.0), free) for side in narrow)
-    return Sheet(name, cut, fold, glue, length, width, remarks)
+    fold = np.array([[0.0, 0.0], [high - low, 0.0]])
+    return Sheet(name, _moved(_outline(above, below, on_cone), low), fold, glue, high - low, width, remarks)
 
 
-def _too_narrow(name: str, side: _Side, found_m: float, free_m: float) -> Remark:
-    return Remark(
-        side.panel,
-        f"glue of film {name}",
-        f"{1e3 * found_m:.2f} mm of face",
-        f"more than {1e3 * free_m:.2g} mm, where it has to be free to bend",
-        "a thinner film, or vertices further apart",
-    )
+def _moved(ring: Ring, low: float) -> Ring:
+    """A ring drawn with the crease's own `s` along x, moved so that the film begins at 0."""
+    return Ring(ring.corners - np.array([low, 0.0]), ring.bulge)
 
 
-def _band(length: float, low: float, high: float) -> Ring:
-    """A rectangle along the crease, from `low` to `high` across it."""
-    return Ring(np.array([[0.0, low], [length, low], [length, high], [0.0, high]]), np.zeros(4))
+def _zone(side: _Side, on_cone: bool) -> Ring | None:
+    """Where a film is glued to the panel above its crease; None where it is not."""
+    free = side.glue_from_m
+    if free is None:
+        return None
+    if on_cone:
+        return _sector_beyond(side.s_low, side.s_high, free, side.reach)
+    corners = [[side.s_low, free], [side.s_high, free], [side.s_high, side.reach], [side.s_low, side.reach]]
+    return Ring(np.array(corners), np.zeros(4)) if side.reach > free else None
 
 
-def _sector(r_low: float, r_high: float, first: float, last: float) -> Ring:
-    """What lies between two radii and two angles about the apex at (-r_low, 0)."""
-    arc = np.tan(0.25 * (last - first))
-    rays = np.array([[np.cos(a), np.sin(a)] for a in (first, last)])
-    if r_low == 0.0:
-        return Ring(np.vstack([[[0.0, 0.0]], r_high * rays]), np.array([0.0, arc, 0.0]))
-    corners = np.vstack([r_low * rays[0], r_high * rays, r_low * rays[1]]) - [r_low, 0.0]
-    return Ring(corners, np.array([0.0, arc, 0.0, -arc]))
-
-
-def _band_beyond(length: float, free: float, reach: float) -> Ring | None:
-    """What of the film lies further than `free` from the crease; None where nothing does."""
-    return _band(length, free, reach) if reach > free else None
+def _outline(above: _Side, below: _Side, on_cone: bool) -> Ring:
+    """Both sides of a film as one, with a step at the crease where they do not begin or end together."""
+    over, under = (above.s_low, above.s_high), (below.s_low, below.s_high)
+    bends = [float(np.tan(0.25 * side.reach)) if on_cone else 0.0 for side in (above, below)]
+    row = [
+        (under[0], -below.reach, 0.0), (under[1], -below.reach, bends[1]), (under[1], 0.0, 0.0),
+        (over[1], 0.0, bends[0]), (over[1], above.reach, 0.0), (over[0], above.reach, -bends[0]),
+        (over[0], 0.0, 0.0), (under[0], 0.0, -bends[1]),
+    ]  # fmt: skip
+    if over == under:
+        whole = float(np.tan(0.25 * (above.reach + below.reach))) if on_cone else 0.0
+        row = [row[0], (*row[1][:2], whole), row[4], (*row[5][:2], -whole)]
+    s, across, bulge = np.array(row).T
+    corners = np.column_stack([s * np.cos(across), s * np.sin(across)] if on_cone else [s, across])
+    # Corners that are one, at an apex or where sides begin together, are drawn once.
+    apart = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1) > 1e-12
+    return Ring(corners[apart], bulge[apart])
 
 
 def _sector_beyond(r_low: float, r_high: float, free: float, last: float) -> Ring | None:
@@ -206,10 +208,10 @@ def _sector_beyond(r_low: float, r_high: float, free: float, last: float) -> Rin
     outer = [np.sqrt(r_high**2 - free**2), free]
     bulge = np.tan(0.25 * (last - np.arcsin(free / r_high)))
     if meets >= r_low:
-        return Ring(np.array([meets * ray, outer, r_high * ray]) - [r_low, 0.0], np.array([0.0, bulge, 0.0]))
+        return Ring(np.array([meets * ray, outer, r_high * ray]), np.array([0.0, bulge, 0.0]))
     inner = [np.sqrt(r_low**2 - free**2), free]
     back = np.tan(0.25 * (last - np.arcsin(free / r_low)))
-    corners = np.array([inner, outer, r_high * ray, r_low * ray]) - [r_low, 0.0]
+    corners = np.array([inner, outer, r_high * ray, r_low * ray])
     return Ring(corners, np.array([0.0, bulge, 0.0, -back]))
 
 

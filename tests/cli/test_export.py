@@ -81,14 +81,19 @@ def test_nothing_appears_where_one_output_cannot_be_made(folder: Path, monkeypat
     (folder / "tube.fold").write_text("older")
     monkeypatch.setitem(sys.modules, "build123d", None)
     told = export(folder, "--fold", "tube.fold", "--svg", "films", "--step", "tube.step", "--plain", status=2).stderr
-    assert "pip install 'ori-deploy[cad]'" in told
+    assert "pip install -e '.[cad]'" in told
     assert names(folder) == ["tube.design.json", "tube.fold"]
     assert (folder / "tube.fold").read_text() == "older"
 
 
 @pytest.mark.parametrize(
     ("module", "words"),
-    [("manifold3d", ("--stl", "stl")), ("manifold3d", ("--urdf", "t.urdf")), ("ezdxf", ("--dxf", "d"))],
+    [
+        ("manifold3d", ("--stl", "stl")),
+        ("manifold3d", ("--urdf", "t.urdf")),
+        ("manifold3d", ("--svg", "s")),
+        ("ezdxf", ("--dxf", "d")),
+    ],
 )
 def test_a_missing_extra_is_named(
     module: str, words: tuple[str, str], folder: Path, monkeypatch: pytest.MonkeyPatch
@@ -96,14 +101,14 @@ def test_a_missing_extra_is_named(
     monkeypatch.setitem(sys.modules, module, None)
     told = export(folder, *words, status=2).stderr
     assert f"{module} is not installed" in told
-    assert "pip install 'ori-deploy[export]'" in told
+    assert "pip install -e '.[export]'" in told
     assert names(folder) == ["tube.design.json"]
 
 
 def test_what_needs_no_extra_does_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("manifold3d", "trimesh", "lxml", "ezdxf", "build123d"):
         monkeypatch.setitem(sys.modules, module, None)
-    export(folder, "--fold", "tube.fold", "--svg", "films")
+    export(folder, "--fold", "tube.fold")
 
 
 def test_a_folder_of_others_is_left_alone_and_one_of_ours_made_anew(folder: Path) -> None:
@@ -116,6 +121,29 @@ def test_a_folder_of_others_is_left_alone_and_one_of_ours_made_anew(folder: Path
     assert "notes.txt" in told
     assert (folder / "films" / "notes.txt").read_text() == "mine"
     assert names(folder) == ["films", "tube.design.json"]
+
+
+def test_folders_made_on_the_way_are_gone_where_an_output_cannot_be_made(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "build123d", None)
+    (folder / "there").mkdir()
+    export(folder, "--fold", "there/new/x.fold", "--svg", "nd/a/b", "--step", "nd/c.step", status=2)
+    assert names(folder) == ["there", "tube.design.json"]
+    assert names(folder / "there") == []
+    export(folder, "--fold", "there/new/x.fold", "--svg", "nd/a/b")
+    assert names(folder / "nd" / "a" / "b")
+    assert names(folder / "there" / "new") == ["x.fold"]
+
+
+def test_films_are_told_of_without_their_parts_and_once_with_them(folder: Path) -> None:
+    alone = export(folder, "--svg", "films").stderr.splitlines()
+    assert alone
+    assert all(": film c" in line for line in alone)
+    (folder / "parts.toml").write_text('schema = "ori-deploy/parts/1"\n[text]\nheight_mm = 80.0\n')
+    both = export(folder, "--svg", "films", "--bom", "-", "--parts", "parts.toml").stderr.splitlines()
+    assert set(alone) < set(both)
+    assert len(set(both)) == len(both)
 
 
 @pytest.mark.parametrize(
@@ -131,6 +159,12 @@ def test_a_folder_of_others_is_left_alone_and_one_of_ours_made_anew(folder: Path
         (("--fold", "f", "--parts", "no.toml"), "no.toml"),
         (("--fold", "/proc/nowhere/f"), "cannot be written"),
         (("--svg", "/proc/nowhere/f"), "cannot be written"),
+        (("--stl", "."), "the current folder cannot be made anew"),
+        (("--svg", ".."), "the current folder cannot be made anew"),
+        (("--svg", "outd", "--fold", "outd/x.fold"), "outd/x.fold: lies in another output; found outd; limit"),
+        (("--svg", "out/d", "--stl", "out", "--plain"), "out/d: lies in another output; found out; limit"),
+        (("--svg", "outd", "--bom", "outd/bill.json"), "outd/bill.json: lies in another output"),
+        (("--urdf", "t.urdf", "--svg", "t_meshes"), "two outputs of one name"),
     ],
 )
 def test_words_that_cannot_be_used_are_refused_and_nothing_is_written(
@@ -154,6 +188,7 @@ def test_films_that_cannot_be_glued_are_told_and_made(folder: Path) -> None:
     told = export(folder, "--svg", "films", "--parts", "parts.toml").stderr
     assert told.startswith("warning: c1.")
     assert "limit: more than 10 mm" in told
+    assert "remedy: a thinner film, a larger film.glue_mm" in told
     assert len(names(folder / "films")) == 16
 
 

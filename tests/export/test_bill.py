@@ -22,7 +22,9 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "parts_wing.toml"
 @pytest.mark.parametrize("name", some_slow(["wing"], ["cone elliptic 6", "tapered"]))
 def test_bare_panels_weigh_what_the_loads_say_and_balance_where_they_say(name: str) -> None:
     d = design(name)
-    light = PartsSpec.model_validate({"film": {"density_kg_m3": 0.0}, "material": {"density_kg_m3": 500.0}})
+    light = PartsSpec.model_validate(
+        {"film": {"density_kg_m3": 0.0}, "material": {"density_kg_m3": 500.0}, "magnet": {"mass_g": 0.0}}
+    )
     bill = bill_of(build_parts(d, light, plain=True), np.ones(1))
     solids = Solids.of(d.structure, d.span_m, d.r_min_m)
     assert bill.mass_kg == pytest.approx(500.0 * solids.volume.sum(), rel=1e-3)
@@ -44,7 +46,7 @@ def test_the_bill_counts_what_is_there() -> None:
     assert bill.fold.tolist() == [0.0, 0.5, 1.0]
     assert bill.data()["centre_of_mass"]["centre_m"] == bill.centre_m.tolist()
     text = bill.text()
-    assert "servo                       4" in text
+    assert "servo                       4      mounts for 1 of them" in text
     assert len(text.splitlines()) == 2 + len(bill.items) + 1 + 4
 
 
@@ -75,11 +77,23 @@ def test_print_check_finds_thin_walls_and_parts_too_long_for_the_bed() -> None:
     assert check_text(short).splitlines()[-1].startswith("print check: ")
 
 
+@pytest.mark.parametrize("name", some_slow(["wing"], ["segments"]))
+def test_plain_parts_have_the_bill_of_finished_ones_but_for_their_volume(name: str) -> None:
+    """Magnets and piano hinges are bought whether or not their pockets are printed."""
+    plain, whole = (bill_of(parts(name, plain=p)).items for p in (True, False))
+    servos = {item.thing for item in whole} - {item.thing for item in plain}
+    assert servos == {"servo"}, "the plain parts of these tests are driven nowhere"
+    bought = [[(i.thing, i.count, i.mass_kg) for i in items if i.thing != "servo"][1:] for items in (plain, whole)]
+    assert len(bought[0]) == (3 if name == "segments" else 2)
+    assert bought[0] == bought[1]
+    assert plain[0].mass_kg > whole[0].mass_kg
+
+
 @pytest.mark.slow
 def test_pockets_are_seen_by_the_print_check() -> None:
     """A magnet pocket so deep that half a millimetre is left under it."""
     spec = PartsSpec.model_validate(
-        {"print": {"wall_mm": 0.5, "bed_mm": [450.0, 300.0, 50.0]}, "magnet": {"depth_mm": 3.4}}
+        {"print": {"wall_mm": 0.5, "bed_mm": [450.0, 300.0, 50.0]}, "magnet": {"depth_mm": 3.3}}
     )
     made = build_parts(design("helix"), spec)
     deep = {part.id for part in made.parts for p in part.pockets if p.kind == "magnet"}

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from ori_deploy.export.bodies import Bodies
 from ori_deploy.export.mjcf import mjcf_text, write_mjcf
@@ -67,6 +68,25 @@ def test_masses_are_those_of_the_panels_and_meshes_lie_on_them() -> None:
             corners = mesh.vertices[mesh.faces]
             six = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()
             assert six / 6.0 == pytest.approx(made.volume_m3[panel], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["wing", "cone elliptic"])
+def test_inertias_are_those_of_the_meshes(name: str) -> None:
+    """Against trimesh, from the triangles that the model shows."""
+    made = bodies(name)
+    model = loaded(made).model
+    for panel, link in enumerate(made.skeleton.layout.panel_ids):
+        shown = made.meshes[panel]
+        assert shown is not None
+        mesh = trimesh.Trimesh(shown.vertices, shown.faces)
+        mesh.density = made.density_kg_m3
+        body = model.body(link)
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, body.iquat)
+        tensor = turn.reshape(3, 3) @ np.diag(body.inertia) @ turn.reshape(3, 3).T
+        assert body.mass[0] == pytest.approx(mesh.mass, rel=1e-3)
+        assert np.linalg.norm(body.ipos - mesh.center_mass) < 1e-3 * mesh.scale, link
+        assert np.abs(tensor - mesh.moment_inertia).max() < 3e-3 * body.inertia.max(), link
 
 
 def folds_of(posed: Posed) -> Any:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from shapely import LineString, Polygon
-from shapely.ops import substring
 
+from ori_deploy.design import ConeStructure
 from ori_deploy.errors import InputError
 from ori_deploy.export.lettering import _letters
 from ori_deploy.export.parts import Part, build_parts
 from ori_deploy.export.parts_spec import PartsSpec
-from ori_deploy.export.recesses import creases_of
 from ori_deploy.export.rulings import panel_shape
+from ori_deploy.export.workpiece import FilmStrip
 from ori_deploy.files import Design
 from ori_deploy.motion import CREASES
 from ori_deploy.profiles.profile import Reals
+from tests.export.film_checks import STEP, Films
 from tests.export.solid_checks import WITHOUT_CLEARANCE, design, parts, some_slow
 
 
@@ -33,32 +35,103 @@ def polygon_and_faces(d: Design, panel: int, spec: PartsSpec) -> tuple[Polygon, 
     return Polygon(shape.points), faces
 
 
-def expected_film(polygon: Polygon, face: LineString, from_end: bool, width: float, depth: float) -> float:
-    """Area of what lies within `depth` of the first `width` of a face beside a crease."""
-    line = LineString(face.coords[::-1]) if from_end else face
-    strip = substring(line, 0.0, min(width, line.length))
-    return float(strip.buffer(depth, cap_style="flat", join_style="mitre").intersection(polygon).area)
+@cache
+def films(name: str, clear: bool) -> Films:
+    return Films(build_parts(design(name), PartsSpec() if clear else WITHOUT_CLEARANCE))
 
 
-@pytest.mark.parametrize("name", some_slow(["helix"], ["wing"]))
-def test_film_recesses_take_their_strips_area_times_the_span(name: str) -> None:
-    d, spec = design(name), WITHOUT_CLEARANCE
-    made = build_parts(d, spec)
-    seen = 0
-    for part in made.parts:
-        polygon, faces = polygon_and_faces(d, part.panel, spec)
-        for number, kind in zip(
-            creases_of(part.panel), ("skin" if "skin" in faces else "back", "inner"), strict=True
-        ):
-            crease = f"film {d.structure.layout.cell_ids[part.panel // 4]}.{CREASES[number]}"
-            cut = [pocket for pocket in part.pockets if pocket.name == crease]
-            if not cut:
-                assert any(r.part == part.id and r.thing == crease and r.left_out for r in made.remarks)
-                continue
-            area = expected_film(polygon, faces[kind], part.panel % 2 == 0, 6e-3, 1e-4)
-            assert abs(cut[0].volume_m3 / (area * d.span_m) - 1.0) < 1e-6
-            seen += 1
-    assert seen > len(made.parts)
+def stations(d: Design) -> list[float]:
+    """Places along the span where films are let in and nothing else is: before the first magnet, and at the end."""
+    if isinstance(d.structure, ConeStructure):
+        return [d.r_min_m + 0.008, d.r_min_m + 0.5 * d.span_m, d.r_min_m + 0.9 * d.span_m]
+    return [0.008, d.span_m - 0.008]
+
+
+SHAPES = some_slow(["helix", "wing"], ["two inner vertices", "ellipse 6 without wall", "tapered", "cone elliptic 6"])
+
+
+@pytest.mark.parametrize("clear", [False, True])
+@pytest.mark.parametrize("name", SHAPES)
+def test_wherever_a_film_is_let_in_its_depth_is_taken_and_the_floor_is_left(name: str, clear: bool) -> None:
+    """In sections of finished meshes, below every place; depths count from the finished face."""
+    seen = films(name, clear)
+    spec = seen.made.spec
+    depth, found = 1e-3 * spec.film.thickness_um, 0
+    for part, crease in seen.sides:
+        opening = CREASES[crease].startswith("open")
+        film = next((f for f in part.films if f.crease == seen.name(part, crease)), None)
+        for s in stations(seen.made.design):
+            under = seen.columns(part, crease, s, 7.0)
+            if under is None or film is None:
+                continue  # an opening crease where no skin is left
+            # Below the skin there is no clearance. Beside a joint with clearance there is air, not a recess.
+            below = depth if opening else depth + spec.clearance.inner_mm
+            let_in = (under.left > 0.0) & (np.abs(under.gap - below) < 2e-3 if clear else under.gap > 0.5 * below)
+            found += int(let_in.sum())
+            assert (under.left[let_in] >= spec.film.floor_mm - 2e-3).all(), (part.id, film.crease, s)
+            if film.glue_from_m is None and not clear:
+                assert not let_in.any()
+    assert found > 100 * len(seen.made.parts)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_recess_lies_on_the_side_to_which_its_crease_folds_and_nowhere_else(name: str) -> None:
+    """Opening creases' on the outline of all panels, closing ones' in the void; all that is cut is found there."""
+    seen = films(name, False)
+    skins, s = 0, stations(seen.made.design)[0]
+    for part in {part.id: part for part, _ in seen.sides}.values():
+        both = {crease: seen.columns(part, crease, s, 7.0) for each, crease in seen.sides if each is part}
+        if any(under is None for under in both.values()):
+            continue
+        taken = 0.0
+        for crease, under in both.items():
+            assert under is not None
+            film = next((f for f in part.films if f.crease == seen.name(part, crease)), None)
+            gone = under.left == 0.0
+            taken += STEP * float(np.where(gone, under.before, under.gap).sum())
+            if film is not None and film.glue_from_m is not None and film.s_low <= s <= film.s_high:
+                first, last = extent(seen, film, s)
+                inside = (under.x > first + STEP) & (under.x < last - STEP)
+                assert inside.sum() > 3 or last - first < 4.0 * STEP
+                assert (np.abs(under.gap[inside] - 0.1) < 2e-3).all(), (part.id, film.crease)
+                skins += CREASES[crease].startswith("open")
+        # On a cone the plane across one crease cuts the other's recess at a slant.
+        slant = 0.04 if seen.is_cylinder else 0.15
+        assert taken == pytest.approx(seen.cut_mm2(part, s), rel=slant, abs=0.02), part.id
+    assert skins >= 2
+
+
+def extent(seen: Films, film: FilmStrip, s: float) -> tuple[float, float]:
+    """From where to where a film is glued, millimetres from the crease."""
+    assert film.glue_from_m is not None
+    return 1e3 * film.glue_from_m, 1e3 * film.reach * (1.0 if seen.is_cylinder else s)
+
+
+@pytest.mark.parametrize("name", ["wing", pytest.param("ellipse 6 without wall", marks=pytest.mark.slow)])
+def test_a_film_over_more_than_its_free_length_is_told(name: str) -> None:
+    seen = films(name, True)
+    told = {(r.part, r.thing) for r in seen.made.remarks if "unsupported" in r.value}
+    assert told
+    for part in seen.made.parts:
+        for film in part.films:
+            far = film.glue_from_m is not None and film.glue_from_m > 1.0e-3
+            assert far == ((part.id, f"film {film.crease}") in told)
+
+
+@pytest.mark.parametrize("name", ["wing", pytest.param("ellipse 6 without wall", marks=pytest.mark.slow)])
+def test_folded_flat_no_film_on_an_inner_face_holds_two_panels_apart(name: str) -> None:
+    """Where a closing crease's film is, free or glued, the panel is as far below the plain face as it takes."""
+    seen = films(name, True)
+    needed, looked = 1e-3 * seen.made.spec.film.thickness_um + seen.made.spec.clearance.inner_mm, 0
+    for part, crease in seen.sides:
+        film = next((f for f in part.films if f.crease == seen.name(part, crease)), None)
+        if CREASES[crease].startswith("open") or film is None or film.glue_from_m is None:
+            continue
+        under = seen.columns(part, crease, stations(seen.made.design)[0], 1e3 * film.reach - STEP)
+        assert under is not None
+        assert ((under.gap >= needed - 2e-3) | (under.left == 0.0)).all(), (part.id, film.crease)
+        looked += 1
+    assert looked >= len(seen.made.parts) // 2
 
 
 def test_round_pockets_marks_and_letters_take_their_area_times_their_depth() -> None:
@@ -66,7 +139,7 @@ def test_round_pockets_marks_and_letters_take_their_area_times_their_depth() -> 
     made = build_parts(d, spec)
     magnet, mark, depth = spec.magnet, 1e-3 * spec.magnet.mark_mm, 1e-3 * spec.text.depth_mm
     expected = {
-        "magnet": np.pi * (0.5e-3 * magnet.pocket_mm) ** 2 * 1e-3 * magnet.depth_mm,
+        "magnet": np.pi * (0.5e-3 * magnet.pocket_mm) ** 2 * 1e-3 * magnet.pocket_depth_mm,
         "mark +": (2.0 * 0.25 - 0.25**2) * mark**2 * depth,
         "mark −": 0.25 * mark**2 * depth,
     }
@@ -131,7 +204,9 @@ def test_films_on_cones_are_as_deep_everywhere(name: str) -> None:
         for strip in part.films:
             cut = [p for p in part.pockets if p.name == f"film {strip.crease}"]
             if cut and (part.id, cut[0].name) not in shortened:
-                assert cut[0].volume_m3 == pytest.approx(1e-4 * strip.area_m2, rel=0.05)
+                # A thin edge that is taken off, narrower than half a millimetre, comes on top.
+                edge = 0.5e-3 * 0.5e-3 * strip.length_m
+                assert 0.95e-4 * strip.area_m2 < cut[0].volume_m3 < 1.05e-4 * strip.area_m2 + edge
                 seen += 1
     assert seen > 10
 
@@ -171,23 +246,7 @@ def test_a_pocket_that_does_not_fit_is_left_out_and_told() -> None:
     assert told == {"magnets", "film", "part", "horn"}
     line = next(str(remark) for remark in made.remarks if remark.thing.startswith("magnets"))
     assert "left out" in line
-    assert "mm of panel in one place; limit: 4.80 mm over 6.8 mm; remedy: smaller or thinner magnets" in line
-
-
-def test_horns_sit_about_the_driven_crease_at_the_end_of_the_span() -> None:
-    d = design("helix")
-    made = build_parts(d, WITHOUT_CLEARANCE, driven={"c2": "close_a"})
-    with_horn = {part.id for part in made.parts for p in part.pockets if p.kind == "horn"}
-    assert with_horn == {"c2.da", "c2.ac"}, "the panels on both sides of the crease"
-    crease = d.structure.cells.crease[1, 2]
-    for part in made.parts:
-        screws = [p for p in part.pockets if p.kind == "screw"]
-        assert bool(screws) == (part.id == "c2.ac"), "on the panel that follows"
-        for screw in screws:
-            away = complex(screw.at[0], screw.at[1]) - crease
-            assert abs(away) == pytest.approx(8e-3, rel=1e-9)
-            assert screw.at[2] == pytest.approx(2e-3, rel=1e-9)
-            assert screw.volume_m3 == pytest.approx(np.pi * 0.8e-3**2 * 6e-3, rel=1e-6)
+    assert "mm of panel in one place; limit: 4.90 mm over 6.8 mm; remedy: smaller or thinner magnets" in line
 
 
 def test_a_driven_crease_of_another_design_is_refused() -> None:

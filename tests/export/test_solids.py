@@ -127,13 +127,14 @@ def test_whatever_is_cut_leaves_one_closed_body_and_its_volume_is_told(data: st.
 
 
 def drawn_spec(data: st.DataObject) -> dict[str, dict[str, float]]:
-    """Sizes from sensible to silly."""
+    """Sizes from sensible to silly, that do not contradict each other."""
 
     def mm(low: float, high: float) -> float:
         return data.draw(st.floats(low, high))
 
+    hub, screw, wall = mm(3.0, 40.0), mm(0.5, 1.6), mm(0.1, 2.0)
     return {
-        "print": {"wall_mm": mm(0.1, 2.0), "chord_mm": mm(0.01, 0.2)},
+        "print": {"wall_mm": wall, "chord_mm": mm(0.01, 0.2)},
         "film": {"thickness_um": mm(10.0, 800.0), "glue_mm": mm(0.5, 30.0)},
         "clearance": {
             "joint_mm": mm(0.0, 0.3),
@@ -141,8 +142,15 @@ def drawn_spec(data: st.DataObject) -> dict[str, dict[str, float]]:
             "inner_mm": mm(0.0, 0.3),
             "bond_mm": mm(0.0, 0.3),
         },
-        "magnet": {"diameter_mm": mm(1.0, 20.0), "depth_mm": mm(0.2, 10.0), "spacing_mm": mm(60.0, 500.0)},
-        "horn": {"hub_diameter_mm": mm(2.0, 40.0), "screw_circle_mm": mm(1.0, 40.0), "thickness_mm": mm(0.5, 5.0)},
+        "magnet": {"diameter_mm": mm(1.0, 20.0), "depth_mm": mm(0.4, 10.0), "spacing_mm": mm(60.0, 500.0)},
+        "horn": {
+            "hub_diameter_mm": hub,
+            "screw_circle_mm": mm(0.2, 1.0) * (hub - screw),
+            "screw_diameter_mm": screw,
+            "screws": 1,
+            "thickness_mm": mm(0.5, 5.0),
+            "clearance_mm": mm(0.0, 1.0),
+        },
         "text": {"height_mm": mm(1.0, 20.0), "depth_mm": mm(0.1, 1.0)},
     }
 
