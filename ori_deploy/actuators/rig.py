@@ -410,6 +410,14 @@ def parse_rig(document: dict[str, Any], source: str | None = None) -> Rig:
     for key in ("source", "sha256"):  # attributes of Rig that a file may not set
         if key in document:
             raise RigError(f"unknown key {key}", remedy="remove it", source=source)
+    if document.get("schema", SCHEMA) != SCHEMA:  # of another kind, of which every other key is wrong as well
+        raise RigError(
+            "key schema",
+            value=repr(document["schema"]),
+            limit=repr(SCHEMA),
+            remedy="check that this is a rig file",
+            source=source,
+        )
     try:
         rig: Rig = _RIG.validate_python(document)
     except ValidationError as error:

@@ -12,7 +12,7 @@ def _missing(what: str, why: ImportError) -> InputError:
         f"aircraft: {what} is not installed",
         value=str(why),
         limit="the extra `aero`",
-        remedy="pip install 'ori-deploy[aero]'",
+        remedy="pip install -e '.[aero]'",
     )
 
 

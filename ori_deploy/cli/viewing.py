@@ -61,7 +61,7 @@ def require_viser() -> None:
     if find_spec("viser") is None:
         raise InputError(
             "the page needs viser, which is not installed",
-            remedy="pip install 'ori-deploy[view]'",
+            remedy="pip install -e '.[view]'",
         )
     for name, (least, below) in _NEEDS.items():
         told = version(name)
@@ -71,7 +71,7 @@ def require_viser() -> None:
                 f"the page cannot be made with this {name}",
                 value=told,
                 limit=f">= {'.'.join(map(str, least))}, < {below[0]}",
-                remedy="pip install 'ori-deploy[view]'",
+                remedy="pip install -e '.[view]'",
             )
 
 

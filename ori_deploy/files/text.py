@@ -88,15 +88,20 @@ def _refuse_constant(name: str) -> float:
     raise NotANumberError(name)
 
 
+_LEADS_TO = {
+    ("design", "plan"): "this is a design: run ori-deploy plan on it first",
+    ("plan", "design"): "this is a plan: give the design that it was made from",
+}
+"""Kinds of files, that given and that wanted: what leads from the one to the other."""
+
+
 def check_schema(path: Path, data: dict[str, Any], schema: str) -> None:
     """Refuse a file of another kind or version."""
-    if data.get("schema") != schema:
-        raise FileError(
-            f"{path}: key schema",
-            value=repr(data.get("schema")),
-            limit=repr(schema),
-            remedy="check that this is the right file",
-        )
+    given = data.get("schema")
+    if given != schema:
+        kinds = tuple(str(one).removeprefix("ori-deploy/").partition("/")[0] for one in (given, schema))
+        remedy = _LEADS_TO.get((kinds[0], kinds[1]), "check that this is the right file")
+        raise FileError(f"{path}: key schema", value=repr(given), limit=repr(schema), remedy=remedy)
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
@@ -154,7 +159,7 @@ def refuse_keys(source: str, document: dict[str, Any], wrong: ValidationError) -
     shown = None if isinstance(value, dict) or first["type"] == "missing" else repr(value)
     remedy = "mend the value"
     if first["type"] == "extra_forbidden":
-        limit, remedy = "keys of the specification", "remove the key or mend its name"
+        limit, remedy = "only keys that this kind of file has", "remove the key or mend its name"
         missing = [str(e["loc"][-1]) for e in found if e["type"] == "missing" and e["loc"][:-1] == first["loc"][:-1]]
         if missing:
             remedy = f"did you mean {' or '.join(missing)}? It is missing"

@@ -168,7 +168,7 @@ class Cluster:
             raise InputError(
                 "--dask: dask.distributed is not installed",
                 limit="the extra `cluster`",
-                remedy="pip install 'ori-deploy[cluster]'",
+                remedy="pip install -e '.[cluster]'",
             ) from missing
         room: Any = distributed
         self.address = address

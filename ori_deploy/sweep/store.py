@@ -39,7 +39,7 @@ def _arrow() -> Any:
         import pyarrow.parquet
     except ImportError as missing:
         raise InputError(
-            "sweep: pyarrow is not installed", limit="the extra `sweep`", remedy="pip install 'ori-deploy[sweep]'"
+            "sweep: pyarrow is not installed", limit="the extra `sweep`", remedy="pip install -e '.[sweep]'"
         ) from missing
     return pa
 

@@ -27,6 +27,7 @@ _DASHES: tuple[Dash, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5
 
 _HOUSE: dict[str, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "mathtext.fontset": "dejavusans",
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",

@@ -57,7 +57,7 @@ def test_a_missing_package_is_one_line_with_the_extra(tmp_path: Path, monkeypatc
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
     told = run("aircraft", path, status=2)
-    assert "pip install 'ori-deploy[aero]'" in told
+    assert "pip install -e '.[aero]'" in told
     assert len(told.splitlines()) == 1
 
 

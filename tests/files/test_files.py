@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ori_deploy.actuators.rig import RigError, load_rig
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import (
     Design,
@@ -196,7 +197,7 @@ def build_text(tmp_path: Path, text: str) -> Any:
         ("a_m = 0.1", "a_m = nan", r"key profile\.a_m.*(finite|greater than)"),
         ("wall_m = 0.001", "wall_m = inf", r"key structure\.wall_m"),
         ("wall_m = 0.001", "wall_m = 0.05", r"cell c\d: .*wall"),
-        ('kind = "ellipse"', 'kind = "egg"', "profile.*egg"),
+        ('kind = "ellipse"', 'kind = "spoon"', "profile.*spoon"),
         ("cells = 4", "cells = 2", "too few cells"),
         ("center_m = [0.0, 0.0]", "center_m = [0.2, 0.0]", "vertex P: outside the profile"),
         ("ring = {", 'cells = [["P"]]\nring = {', "either cells"),
@@ -275,3 +276,12 @@ def test_ring_without_slits_gets_one_that_deploys_free(tmp_path: Path) -> None:
     _, fixed = build_text(tmp_path, f'{text}slits = [["P", "O1"]]\n')
     assert fixed.layout.latch_points == ("slit:P-O1",)
     assert not deploys_free(fixed)
+
+
+def test_a_file_of_another_kind_says_what_leads_on(tmp_path: Path) -> None:
+    path = tmp_path / "wing.design.json"
+    save_design(Design("circle 3", 1.0, structure("circle 3")), path)
+    with pytest.raises(FileError, match="run ori-deploy plan on it first"):
+        load_plan(path)
+    with pytest.raises(RigError, match=r"key schema; found 'ori-deploy/spec/1'.*check that this is a rig file"):
+        load_rig(EXAMPLES / "wing_naca2412.toml")
