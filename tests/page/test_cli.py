@@ -59,7 +59,7 @@ def test_without_viser_there_is_one_line_that_names_the_extra(made: Path, monkey
     for line in (("view", made / "wing.design.json"), ("deploy", made / "wing.plan.json", "--rig", RIG, "--view")):
         refused = CliRunner().invoke(main, words(*line))
         assert refused.exit_code == 2
-        assert "ori-deploy[view]" in refused.stderr
+        assert "pip install -e '.[view]'" in refused.stderr
         assert refused.stderr.count("\n") == 1
 
 
