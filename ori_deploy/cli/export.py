@@ -99,7 +99,9 @@ def _3mf(job: Job, staging: Staging, target: Path) -> str:
 
     placed = write_3mf(job.parts, staging.file(target))
     plates = max((item.plate for item in placed), default=-1) + 1
-    return f"{len(placed)} parts on {plates} plates, mm"
+    too_big = sum(not item.fits for item in placed)
+    bed = f"; {too_big} do not fit the bed (--check says what helps)" if too_big else ""
+    return f"{len(placed)} parts on {plates} plates, mm{bed}"
 
 
 def _step(job: Job, staging: Staging, target: Path) -> str:

@@ -86,7 +86,7 @@ class Bill:
             (f"{f:.2f}", *(f"{1e3 * x:.1f}" for x in centre))
             for f, centre in zip(self.fold, self.centre_m, strict=True)
         ]
-        lines += ["", *_aligned([("fold", "x mm", "y mm", "z mm"), *places])]
+        lines += ["", "centre of mass over the fold", *_aligned([("fold", "x mm", "y mm", "z mm"), *places])]
         return "\n".join(lines) + "\n"
 
 

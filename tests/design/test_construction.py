@@ -19,6 +19,12 @@ from tests.shapes import CATALOGUE, peanut, ring_on, structure, wing
 
 everything = pytest.mark.parametrize("name", CATALOGUE)
 
+QUICK = {"wing", "circle 3", "ellipse 7 off centre", "one cell", "two inner vertices"}
+by_the_oracle = pytest.mark.parametrize(
+    "name",
+    [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in CATALOGUE],  # which builds each anew
+)
+
 
 def polygons(s: Structure, sagitta: float = 1e-6) -> np.ndarray:
     outlines = s.panel_outlines(sagitta * s.profile.size)
@@ -128,7 +134,7 @@ def test_wall_is_at_least_as_thick_as_asked(name: str) -> None:
     assert (raised.sum(axis=1) <= 1).all()
 
 
-@everything
+@by_the_oracle
 def test_construction_agrees_with_the_oracle(name: str) -> None:
     s = structure(name)
     told, _ = retold(s)

@@ -186,6 +186,7 @@ def test_horns_sit_about_the_driven_crease_at_the_end_of_the_span() -> None:
             assert screw.volume_m3 == pytest.approx(np.pi * 0.8e-3**2 * 6e-3, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_horn_without_a_panel_is_told() -> None:
     from ori_deploy.design import build
     from tests import shapes
@@ -420,6 +421,7 @@ def test_values_that_contradict_each_other_are_refused_by_both_names(
         assert key in str(refused.value)
 
 
+@pytest.mark.slow
 def test_magnets_at_the_least_spacing_keep_their_walls() -> None:
     spec = PartsSpec.model_validate({"magnet": {"spacing_mm": 8.8}})
     made = build_parts(design("helix"), spec)

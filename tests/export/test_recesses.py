@@ -47,7 +47,9 @@ def stations(d: Design) -> list[float]:
     return [0.008, d.span_m - 0.008]
 
 
-SHAPES = some_slow(["wing"], ["helix", "two inner vertices", "ellipse 6 without wall", "tapered", "cone elliptic 6"])
+SHAPES = some_slow(
+    [], ["wing", "helix", "two inner vertices", "ellipse 6 without wall", "tapered", "cone elliptic 6"]
+)
 
 
 @pytest.mark.parametrize("clear", [False, True])

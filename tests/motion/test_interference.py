@@ -53,7 +53,9 @@ def test_three_cells_bonded_at_an_opening_vertex_cannot_fold_flat() -> None:
     assert not structure("two inner vertices").layout.overfull_vertices
 
 
-@pytest.mark.parametrize("name", ["wing", "ellipse 4", "circle 3", "two inner vertices", "peanut 8"])
+@pytest.mark.parametrize(
+    "name", ["wing", "ellipse 4", "circle 3", "two inner vertices", pytest.param("peanut 8", marks=pytest.mark.slow)]
+)
 def test_verdicts_agree_with_the_oracle_out_of_step(name: str) -> None:
     s = structure(name)
     told, slits = retold(s)
