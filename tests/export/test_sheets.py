@@ -83,8 +83,11 @@ def test_glue_lies_on_the_film_and_leaves_the_crease_free(name: str) -> None:
         assert covered < sheet.cut.area_m2 - 0.9 * free * sheet.length_m
 
 
-@pytest.mark.parametrize("driven", [False, True])
-@pytest.mark.parametrize("name", some_slow([], ["helix", "wing", "tapered", "segments", "cone elliptic 6"]))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "driven"),
+    [("wing", False), *((name, True) for name in ("helix", "wing", "tapered", "segments", "cone elliptic 6"))],
+)
 def test_glue_is_where_the_finished_part_has_a_recess_with_panel_under_it(name: str, driven: bool) -> None:
     """For every crease and side, in sections of finished meshes: between the places where both begin and end."""
     seen = Films(made(name, driven))

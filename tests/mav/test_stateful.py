@@ -143,4 +143,4 @@ class TestFlight(Flight.TestCase):  # type: ignore[misc]
 
 @pytest.mark.slow
 class TestManyFlights(Flight.TestCase):  # type: ignore[misc]
-    settings = _settings(60)
+    settings = _settings(30)

@@ -153,6 +153,7 @@ def test_a_stock_station_deploys_and_folds_only_on_the_ground(plan: Path, tmp_pa
         assert told == "FAILED"
         autopilot.armed(False)
         f.until(f.may_fold)
+        time.sleep(SENT_AGAIN_S)  # sooner it might be the first one, sent again
         station.command(USER_1, FOLD)
         while (told := station.acknowledged(within=60.0)) == "IN_PROGRESS":
             pass
