@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import select
 import socket
 import subprocess
@@ -19,6 +20,7 @@ from sim_backends.dynamixel.servo import OVERLOAD
 from sim_backends.dynamixel.spec import BusSpec
 
 START_PATIENCE_S = 30.0
+PRIORITY = 40
 END_PATIENCE_S = 5.0
 
 
@@ -117,6 +119,9 @@ class VirtualBus:
             _, wrong = self._process.communicate()
             self._folder.cleanup()
             raise VirtualBusError(f"the virtual bus did not start: {wrong.strip() or 'it says nothing'}")
+        if self._spec.plant is None:  # which computes as long as it needs, and would keep the processor from others
+            with contextlib.suppress(PermissionError):  # where it is allowed: real servos wait for no processor
+                os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
         return self
 
     def __exit__(

@@ -7,7 +7,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,8 +106,6 @@ def flight(plan: Path, folder: Path, start: str = "stowed", **keys: object) -> I
         VirtualBus(spec_for_files(rig, plan, start), link=folder / "ttyDXL") as servos,
         session(folder, "serve", plan, "--rig", rig, "--port", servos.link, "--mavlink", "mavlink.toml") as serving,
     ):
-        with suppress(OSError):  # where it is allowed: real servos do not wait for a processor
-            os.sched_setscheduler(servos.pid, os.SCHED_FIFO, os.sched_param(40))
         serving.until("serving")
         yield Flight(servos, serving, port, folder)
 
