@@ -34,6 +34,10 @@ from ori_deploy.errors import RigError
 FloatArray = NDArray[np.float64]
 
 
+FROM_TEMPLATE = "latch_"
+"""Latches of an [each_latch_point] template have this before the name of their point."""
+
+
 @dataclass(frozen=True, eq=False)
 class ResolvedRig:
     """One driven crease per cell; arrays over hinges are in the order of the cells.
@@ -341,7 +345,7 @@ def _latches(rig: Rig, latch_points: Sequence[str]) -> list[Latch]:
                 remedy=f'add a [[latch]] with secures = "{point}", or an [each_latch_point] template',
                 source=rig.source,
             )
-        latches.append(Latch(id=f"latch_{point}", secures=point, **asdict(rig.each_latch_point)))
+        latches.append(Latch(id=f"{FROM_TEMPLATE}{point}", secures=point, **asdict(rig.each_latch_point)))
     _refuse_duplicates("latch id", [latch.id for latch in latches], rig.source)
     return latches
 

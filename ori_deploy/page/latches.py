@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ori_deploy.actuators.resolve import FROM_TEMPLATE
 from ori_deploy.actuators.rig import parse_rig
 from ori_deploy.errors import OriDeployError
 from ori_deploy.profiles.profile import Reals
@@ -18,9 +19,6 @@ NAMES = {"unknown": "latch, not known", "open": "latch open", "closed": "latch c
 """What is told of the states."""
 
 _RIG_FILE = "rig.toml"
-_FROM_TEMPLATE = "latch_"
-"""Latches that a rig has one of on every latch point have this before its name."""
-
 _ROUNDED_S = 1e-5
 """Times of cycles are in a log to a millionth of a second, those of latches whole."""
 
@@ -60,7 +58,7 @@ def seen_in(run: Run, begin_s: float) -> Latches:
     times: dict[str, list[float]] = {}
     states: dict[str, list[str]] = {}
     for one in run.latches:
-        point = points.get(one.id, one.id.removeprefix(_FROM_TEMPLATE))
+        point = points.get(one.id, one.id.removeprefix(FROM_TEMPLATE))
         known = now.setdefault(point, {})
         known[one.id] = one.confirmed if one.valid else None
         times.setdefault(point, []).append(one.time_s - begin_s)
