@@ -206,14 +206,20 @@ def test_deployed_watched_and_stopped_from_the_keyboard(
         other.close()
 
 
+def deploying(chromium: Browser, served: Command) -> Page:
+    """A page that has begun a deployment."""
+    page = opened(chromium, served.address)
+    under_control(page)
+    press(page, "Deploy")
+    state_is(page, "moving")
+    return page
+
+
 def test_its_loss_stops_no_motion_and_starts_none_and_it_connects_again(
     servo_wing: ServoWing, tmp_path: Path, chromium: Browser
 ) -> None:
     with Command(*servo_wing.serving, cwd=tmp_path) as served:
-        page = opened(chromium, served.address)
-        under_control(page)
-        press(page, "Deploy")
-        state_is(page, "moving")
+        page = deploying(chromium, served)
         page.context.set_offline(True)
         page.close()
         assert status_of(served).state == "moving"
@@ -238,10 +244,7 @@ def test_a_page_that_dies_or_hangs_stops_no_motion_and_starts_none(
     servo_wing: ServoWing, tmp_path: Path, chromium: Browser, how: signal.Signals
 ) -> None:
     with Command(*servo_wing.serving, cwd=tmp_path) as served:
-        page = opened(chromium, served.address)
-        under_control(page)
-        press(page, "Deploy")
-        state_is(page, "moving")
+        page = deploying(chromium, served)
         process = page_process(served)
         os.kill(process, how)
         try:
