@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-COMMON = {"errors", "tolerance", "clock", "realtime"}
+COMMON = {"errors", "tolerance", "clock", "realtime", "spelling"}
 ALLOWED: dict[str, set[str]] = {
     "profiles": set(),
     "layout": set(),

@@ -31,6 +31,7 @@ from ori_deploy.actuators.numbers import (
     between,
 )
 from ori_deploy.errors import RigError
+from ori_deploy.spelling import keys_beside, meant
 
 SCHEMA = "ori-deploy/rig/1"
 
@@ -438,7 +439,7 @@ def _rig_error(errors: list[ErrorDetails], source: str | None) -> RigError:
             f"unknown key {key}{more}",
             value=first["input"],
             limit="only keys of the rig schema",
-            remedy="correct its spelling or remove it",
+            remedy=meant(str(first["loc"][-1]), keys_beside(_RIG.json_schema(), first["loc"])),
             source=source,
         )
     if kind in ("missing", "missing_argument"):

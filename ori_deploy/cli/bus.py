@@ -36,14 +36,14 @@ from ori_deploy.cli.bus_common import (
 )
 from ori_deploy.cli.bus_jog import jog
 from ori_deploy.cli.bus_monitor import monitor
-from ori_deploy.cli.frame import example, warn
+from ori_deploy.cli.frame import Commands, example, warn
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.wire.dynamixel import BAUD_CODES
 
 _UNITS = {"rad": "rad", "rad_s": "rad/s", "rad_s2": "rad/s2", "a": "A", "v": "V", "c": "°C", "s": "s"}
 
 
-@click.group(epilog=example("ori-deploy bus scan --port /dev/ttyUSB0"))
+@click.group(cls=Commands, epilog=example("ori-deploy bus scan --port /dev/ttyUSB0"))
 def bus() -> None:
     """Find, name, calibrate and watch single Dynamixel servos."""
 

@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ori_deploy.errors import InputError, OriDeployError
+from ori_deploy.spelling import near
 
 EXIT_NOT_DONE, EXIT_BAD_INPUT, EXIT_REFUSED, EXIT_INTERRUPTED = 1, 2, 3, 130
 
@@ -73,6 +74,17 @@ class Commands(click.Group):
         if not standalone_mode:
             return status
         sys.exit(status if isinstance(status, int) else 0)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
+            likely = near(name, self.list_commands(ctx))
+            raise click.UsageError(
+                f"No such command {name!r}" + (f" (did you mean {' or '.join(likely)}?)" if likely else ""), ctx
+            )
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         # What matters of a log message is in the result; a bug still shows its traceback.

@@ -15,7 +15,7 @@ from ori_deploy.actuators.mcu.faults import state_name
 from ori_deploy.actuators.mcu.records import Record, config_hash, records
 from ori_deploy.bench.board import clear_fault, fault_words, firmware_version, reset_cause
 from ori_deploy.cli.bus_common import tell_json
-from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, example
+from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, Commands, example
 from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
 from ori_deploy.cli.mcu_monitor import Shown, watch
 from ori_deploy.cli.mcu_motion import jog, torque_off
@@ -25,7 +25,7 @@ BOOTLOADER_BAUD = 115_200
 HEX = Path("firmware") / "build" / "ori_atmega2560.hex"
 
 
-@click.group(epilog=example("ori-deploy mcu info --port /dev/ttyACM0"))
+@click.group(cls=Commands, epilog=example("ori-deploy mcu info --port /dev/ttyACM0"))
 def mcu() -> None:
     """Flash, configure and watch the microcontroller that drives hinges and latches."""
 

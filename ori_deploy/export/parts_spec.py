@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from ori_deploy.files.profile_spec import Strict
-from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.text import read_toml, validated
 
 PARTS_SCHEMA = "ori-deploy/parts/1"
 
@@ -217,7 +217,4 @@ def load_parts_spec(path: Path) -> PartsSpec:
         Unreadable, not TOML, unknown keys, values out of range; names file and key.
     """
     data = read_toml(path, PARTS_SCHEMA)
-    try:
-        return PartsSpec.model_validate(data)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    return validated(PartsSpec, data, str(path))

@@ -7,7 +7,7 @@ from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from ori_deploy.aero import Air, Aircraft, Fin, Fuselage, Polar, Power, Published, Tail, Wing
 from ori_deploy.design import Structure
@@ -15,7 +15,7 @@ from ori_deploy.errors import FileError, InputError
 from ori_deploy.files.design_file import load_design
 from ori_deploy.files.profile_spec import Strict
 from ori_deploy.files.spec import build_from_file
-from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.text import read_toml, validated
 from ori_deploy.profiles import Profile, naca_section
 
 AIRCRAFT_SCHEMA = "ori-deploy/aircraft/1"
@@ -265,10 +265,7 @@ def load_aircraft(path: Path) -> AircraftGiven:
         The design cannot be used, or there is no such section.
     """
     data = read_toml(path, AIRCRAFT_SCHEMA)
-    try:
-        given = AircraftFile.model_validate(data)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    given = validated(AircraftFile, data, str(path))
     built = _built(path, given.wing)
     if given.wing.naca is None:
         assert built is not None

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ori_deploy.errors import InputError, LayoutError
-from ori_deploy.files.text import read_json, read_toml, refuse_keys
+from ori_deploy.files.text import read_json, read_toml, validated
 from ori_deploy.layout import AllowableRule, Layout, layout_of_graph, opening_vertices_on_outline
 
 GRAPH_SCHEMA = "ori-deploy/graph/1"
@@ -66,10 +66,7 @@ def load_graph(path: Path, *, allowable: AllowableRule = opening_vertices_on_out
         Not a layout; names the file and the vertices.
     """
     data = read_json(path, GRAPH_SCHEMA) if path.suffix.lower() == ".json" else read_toml(path, GRAPH_SCHEMA)
-    try:
-        graph = Graph.model_validate(data)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    graph = validated(Graph, data, str(path))
     try:
         return _layout(graph, allowable)
     except InputError as wrong:

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ori_deploy.files.profile_spec import Finite, Strict
-from ori_deploy.files.text import read_toml, refuse_keys, write_atomically
+from ori_deploy.files.text import read_toml, validated, write_atomically
 from ori_deploy.loads import Air, Film, Loads, Magnets
 
 LOADS_SCHEMA = "ori-deploy/loads/1"
@@ -122,11 +122,7 @@ def load_loads(path: Path) -> Loads:
     FileError
         Unreadable, not TOML, unknown keys, values out of range; names file and key.
     """
-    data = read_toml(path, LOADS_SCHEMA)
-    try:
-        return LoadsFile.model_validate(data).loads()
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    return validated(LoadsFile, read_toml(path, LOADS_SCHEMA), str(path)).loads()
 
 
 def loads_data(loads: Loads) -> dict[str, Any]:
@@ -178,9 +174,6 @@ def save_loads(loads: Loads, path: Path, head: tuple[str, ...] = ()) -> None:
         It cannot be written, or could not be read again.
     """
     data = loads_data(loads)
-    try:
-        LoadsFile.model_validate(data)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    validated(LoadsFile, data, str(path))
     text = _PAIR.sub(r"[\1, \2]", tomli_w.dumps(data))
     write_atomically(path, "".join(f"# {line}\n" for line in head) + text)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ori_deploy.design import ConeStructure, Embedding, Structure, build, build_cone, embed, embed_cone
 from ori_deploy.errors import InputError, LayoutError
 from ori_deploy.files.profile_spec import Angle, ConeSpec, Finite, Length, ProfileSpec, Strict
 from ori_deploy.files.strip_entry import StripSpec
 from ori_deploy.files.sweep_spec import SweepSpec
-from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.text import read_toml, validated
 from ori_deploy.files.wish_spec import OptimizeSpec
 from ori_deploy.layout import Layout, Vertex, make_layout, ring
 from ori_deploy.motion.slits import with_free_slits
@@ -264,10 +264,7 @@ def load_spec(path: Path) -> Spec:
         Unreadable, not TOML, unknown or missing keys, values out of range; names file and key.
     """
     data = read_toml(path, SPEC_SCHEMA)
-    try:
-        return Spec.model_validate(data)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    return validated(Spec, data, str(path))
 
 
 def build_from_file(path: str | Path) -> tuple[Spec, Structure | ConeStructure]:

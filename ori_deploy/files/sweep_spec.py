@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ori_deploy.files.profile_spec import Strict
-from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.text import read_toml, validated
 
 SWEEP_SCHEMA = "ori-deploy/sweep/1"
 
@@ -35,7 +35,4 @@ def load_sweep(path: Path) -> SweepSpec:
         Unreadable, not TOML, unknown or missing keys; names file and key.
     """
     data = read_toml(path, SWEEP_SCHEMA)
-    try:
-        return SweepFile.model_validate(data)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+    return validated(SweepFile, data, str(path))

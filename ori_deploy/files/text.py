@@ -7,12 +7,17 @@ import json
 import os
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from ori_deploy.errors import FileError
+from ori_deploy.spelling import keys_beside, meant
+
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_text(path: Path) -> str:
@@ -144,12 +149,27 @@ def digest(path: Path) -> str:
         raise FileError(f"{path}: cannot be read", value=wrong.strerror, remedy="check the name") from wrong
 
 
-def refuse_keys(source: str, document: dict[str, Any], wrong: ValidationError) -> FileError:
+def validated(model: type[_Model], document: dict[str, Any], source: str) -> _Model:
+    """A document as an instance of its class.
+
+    Raises
+    ------
+    FileError
+        Keys that are unknown or missing, values out of range; names source and key.
+    """
+    try:
+        return model.model_validate(document)
+    except ValidationError as wrong:
+        raise _refusal(model, document, source, wrong.errors()) from wrong
+
+
+def _refusal(
+    model: type[BaseModel], document: dict[str, Any], source: str, found: Sequence[ErrorDetails]
+) -> FileError:
     """What pydantic found, as an error that names the key as the file has it.
 
     A key that should not be there is told first: it is often the misspelling of one that is missing.
     """
-    found = wrong.errors()
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     others = len({_key(e["loc"], document) for e in found} - {_key(first["loc"], document)})
     more = f" (and {others} more)" if others else ""
@@ -159,10 +179,12 @@ def refuse_keys(source: str, document: dict[str, Any], wrong: ValidationError) -
     shown = None if isinstance(value, dict) or first["type"] == "missing" else repr(value)
     remedy = "mend the value"
     if first["type"] == "extra_forbidden":
-        limit, remedy = "only keys that this kind of file has", "remove the key or mend its name"
+        limit = "only keys that this kind of file has"
         missing = [str(e["loc"][-1]) for e in found if e["type"] == "missing" and e["loc"][:-1] == first["loc"][:-1]]
         if missing:
             remedy = f"did you mean {' or '.join(missing)}? It is missing"
+        else:
+            remedy = meant(str(first["loc"][-1]), keys_beside(model.model_json_schema(), first["loc"]))
     elif first["type"] == "missing":
         limit, remedy = "has to be there", "add the key"
     elif first["type"] == "union_tag_invalid":

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, StringConstraints, ValidationError
+from pydantic import Field, StringConstraints
 
 from ori_deploy.errors import FileError, InputError
 from ori_deploy.files.profile_spec import Strict
-from ori_deploy.files.text import read_toml, refuse_keys
+from ori_deploy.files.text import read_toml, validated
 from ori_deploy.mav.link_spec import LinkSpec, parse_link
 
 MAVLINK_SCHEMA = "ori-deploy/mavlink/1"
@@ -122,10 +122,9 @@ def load_settings(path: Path) -> Settings:
         Unreadable, not TOML, unknown keys, values out of range, links that are none; names file and key.
     """
     data = read_toml(path, MAVLINK_SCHEMA)
+    given = validated(SettingsFile, data, str(path))
     try:
-        return SettingsFile.model_validate(data).settings(path.parent)
-    except ValidationError as wrong:
-        raise refuse_keys(str(path), data, wrong) from wrong
+        return given.settings(path.parent)
     except InputError as wrong:
         raise FileError(
             wrong.thing, value=wrong.value, limit=wrong.limit, remedy=wrong.remedy, source=str(path)

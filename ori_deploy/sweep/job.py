@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from ori_deploy.errors import InputError
 from ori_deploy.files import Spec
 from ori_deploy.files.shape_entries import AnyStructure, entries_of
-from ori_deploy.files.text import refuse_keys
+from ori_deploy.files.text import validated
 from ori_deploy.sweep.grid import Job
 from ori_deploy.sweep.optimise import optimised
 
@@ -49,10 +48,7 @@ def _made(job: Job, folder: Path) -> tuple[Spec, AnyStructure]:
     for name, text in job.files.items():
         path = folder / Path(name).name  # whatever folder it came from
         path.write_text(text, encoding="utf-8")
-    try:
-        spec = Spec.model_validate(_flattened(job.document))
-    except ValidationError as wrong:
-        raise refuse_keys("specification", job.document, wrong) from wrong
+    spec = validated(Spec, _flattened(job.document), "specification")
     return spec, optimised(job, spec, folder) if job.optimize else spec.build(folder)
 
 

@@ -11,12 +11,10 @@ from itertools import chain, islice, product
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 import ori_deploy
-from ori_deploy.errors import InputError
+from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import Spec
-from ori_deploy.files.text import read_text, refuse_keys
+from ori_deploy.files.text import read_text, validated
 from ori_deploy.sweep.grid import GIVEN, OWN, Grid, Job, set_key
 from ori_deploy.sweep.optimise import refuse_unsweepable
 
@@ -92,9 +90,9 @@ def _wrong(base: dict[str, Any], values: dict[str, Any], folder: Path) -> InputE
     except InputError as wrong:
         return wrong
     try:
-        spec = Spec.model_validate(document)
-    except ValidationError as wrong:
-        return _named(refuse_keys("", document, wrong), values)
+        spec = validated(Spec, document, "")
+    except FileError as wrong:
+        return _named(wrong, values)
     try:
         job = _job(base, values, 0, folder)
         if job.optimize:

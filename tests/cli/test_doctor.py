@@ -69,7 +69,8 @@ def set_up(bus: VirtualBus) -> None:
         bus.set_register(servo_id, "return_delay_time", 0)
 
 
-def test_a_good_bus_has_no_problem_and_nothing_is_written(tmp_path: Path) -> None:
+def test_a_good_bus_has_no_problem_and_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bus_common, "BENCH_SLACK_S", 0.5)  # an answer that a busy machine holds back is not lost
     names = [register.name for register in model_named("xm430").table if register.writable]
     with virtual_bus(tmp_path, *FOUR) as bus:
         set_up(bus)
@@ -78,7 +79,7 @@ def test_a_good_bus_has_no_problem_and_nothing_is_written(tmp_path: Path) -> Non
         after = {i: [bus.register(i, name) for name in names] for i in bus.truth()}
         assert all(servo.moved_s < 0.0 for servo in bus.truth().values())
     assert after == before
-    assert {finding["status"] for finding in found} == {"ok"}
+    assert [finding for finding in found if finding["status"] != "ok"] == []
     assert {finding["check"] for finding in found} >= {
         "port", "permission", "free", "latency timer", "servos answer", "one baud rate", "one servo per id",
         "servos are the rig's", "status return level", "firmware", "return delay", "hardware error", "supply",

@@ -119,7 +119,7 @@ def test_every_rule_for_deploying_is_taken(tmp_path: Path, rule: str) -> None:
         ('key_file = ""', ["key key_file"]),
         ("key_file = 5", ["key key_file", "string"]),
         ('parameters_file = "a\\u0000b"', ["key parameters_file"]),
-        ("sytem_id = 1", ["key sytem_id", "remove the key or mend its name"]),
+        ("sytem_id = 1", ["key sytem_id", "did you mean system_id?"]),
         ("system_id = ", ["not TOML"]),
     ],
 )
