@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,7 +39,28 @@ def open_partial(path: Path) -> tuple[Path, BinaryIO]:
     return partial, partial.open("wb")
 
 
-class LogWriter:
+class ClosedAtEnd(ABC):
+    """For `with`: closed at its end, however that came."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Finish. Raises OSError."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        except OSError as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))  # what ended the run matters more, and this is not to be lost
+
+
+class LogWriter(ClosedAtEnd):
     """Writes frames into a log.
 
     It writes to a name of its own beside `path` and renames at `close`, so that `path` never holds half a
@@ -118,19 +140,6 @@ class LogWriter:
         except OSError as error:
             reason = f"{error.strerror or error}; what was written is in {self.partial_path}"
             raise OSError(error.errno, reason, str(self.path)) from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            self.close()
-        except OSError as failure:
-            if error is None:
-                raise
-            error.add_note(str(failure))  # what ended the run matters more, and this is not to be lost
 
     # -- the kinds of items --------------------------------------------------------------------------
 

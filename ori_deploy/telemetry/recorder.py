@@ -9,14 +9,13 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from ori_deploy.clock import Clock
 from ori_deploy.deploy.result import CycleRecord, MotionResult
 from ori_deploy.telemetry.channel import NAP_S, ROOM_BYTES, Frame, Sender, spawn
 from ori_deploy.telemetry.frames import CycleFrames, message, result_item
-from ori_deploy.telemetry.log import open_partial
+from ori_deploy.telemetry.log import ClosedAtEnd, open_partial
 from ori_deploy.telemetry.tape import Tape
 
 START_S = 20.0
@@ -24,7 +23,7 @@ STOP_S = 20.0
 """How long its process may take to come up, and to write what it still has."""
 
 
-class Recorder:
+class Recorder(ClosedAtEnd):
     """Records a session; give it to the controller as an observer, and its tape to bus, clock and controller.
 
     The log is written by another process, which outlives this one: whatever ends the loop, the log is finished,
@@ -173,19 +172,6 @@ class Recorder:
             if str(self.partial_path) not in reason:
                 reason += f"; what was written is in {self.partial_path}"
             raise OSError(self._failure.errno, reason, str(self.path)) from self._failure
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            self.close()
-        except OSError as failure:
-            if error is None:
-                raise
-            error.add_note(str(failure))  # what ended the run matters more, and this is not to be lost
 
     # -- inside --------------------------------------------------------------------------------------
 
