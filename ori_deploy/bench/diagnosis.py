@@ -108,16 +108,9 @@ def ask(line: ServoLine, servo_id: int) -> Answers:
         except ServoRefused:
             good += 1
         else:
-            twice = _answers_again(line)
+            twice = line.port.goes_on(_SECOND_ANSWER_S)
             good, damaged = good + (not twice), damaged + twice
     return Answers(good, damaged, silent)
-
-
-def _answers_again(line: ServoLine) -> bool:
-    """Whether another answer follows: servos with one id but different delays do not even collide."""
-    line.port.expected = line.port.heard + 1
-    line.port.give(_SECOND_ANSWER_S)
-    return bool(line.port.next_frame())
 
 
 def examine(line: ServoLine, pong: Pong) -> ServoState:

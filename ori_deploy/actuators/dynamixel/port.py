@@ -237,6 +237,15 @@ class BlockingPort:
         self._late = self.heard < self.expected
         return bytes(self._buffer)
 
+    def goes_on(self, duration_s: float) -> bool:
+        """Whether another status packet follows that nobody asked for, and that none is owed if it does not."""
+        self.expected = self.heard + 1
+        self.give(duration_s)
+        found = bool(self.next_frame())
+        if not found:
+            self.expected, self._late = self.heard, False
+        return found
+
     def accept(self) -> None:
         """The packet was good: go on behind it."""
         self._start += len(self._frame)
