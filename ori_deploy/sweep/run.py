@@ -77,14 +77,14 @@ class Sweep:
         try:
             while not self._stopping():
                 suspects += self._hand_over(queue, pending)
+                if not pending and not suspects:
+                    return  # before collecting: all that was handed over may come at once, and more be to do
                 suspects += self._collect(pending)
                 if suspects and (self.backend.breaks or not pending):
                     while pending and not self.stopped:  # a broken pool ends all it holds
                         suspects += self._collect(pending)
                     self._again(suspects)
                     suspects = []
-                elif not pending:
-                    return
                 self._flush()
                 self.backend.check()
         finally:

@@ -14,6 +14,8 @@ import sys
 import time
 import tomllib
 from collections.abc import Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,8 +32,9 @@ from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import Spec
 from ori_deploy.layout import PlaneTree, layouts, slit_choices
 from ori_deploy.sweep import Cluster, Grid, Job, Processes, Store, Sweep, jobs_of, parse_grid, run, run_job
+from ori_deploy.sweep.backends import Run, WorkerLost
 from ori_deploy.sweep.grid import set_key
-from ori_deploy.sweep.job import FAILED, FOUND, INFEASIBLE
+from ori_deploy.sweep.job import FAILED, FOUND, INFEASIBLE, Row
 from tests.sweep.breaking import breaking
 
 ROOT = Path(__file__).parents[2]
@@ -370,6 +373,57 @@ def test_a_stopped_sweep_keeps_what_is_done_and_goes_on_from_there(tmp_path: Pat
     assert resumed.reused == len(kept)
     assert resumed.count == {FOUND: 9 - len(kept)}
     assert {row["job"]: row for row in table(path) if row["job"] in kept} == kept
+
+
+@dataclass
+class Prompt:
+    """A backend whose jobs have all come to their end, or lost their worker, before anybody looks."""
+
+    width: int
+    breaks: bool
+    losing: list[str]
+
+    def submit(self, run: Run, job: Job) -> Future[Row]:
+        del run
+        future: Future[Row] = Future()
+        if job.digest in self.losing:
+            self.losing.remove(job.digest)
+            future.set_exception(WorkerLost("ended"))
+        else:
+            future.set_result({"job": job.digest, "status": FOUND})
+        return future
+
+    def lost(self, error: BaseException) -> str | None:
+        return "ended" if isinstance(error, WorkerLost) else None
+
+    def renewed(self, workers: int | None = None) -> Prompt:
+        del workers
+        return self
+
+    def check(self) -> None:
+        """There is always somebody."""
+
+    def close(self) -> None:
+        """There is nothing under way."""
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    count=st.integers(1, 12),
+    width=st.integers(1, 5),
+    breaks=st.booleans(),
+    losing=st.lists(st.integers(0, 11), max_size=14),
+)
+def test_nothing_is_left_out_however_fast_jobs_end(count: int, width: int, breaks: bool, losing: list[int]) -> None:
+    todo = jobs({WALLS: [1e-4 * (k + 1) for k in range(count)]})
+    kept: list[Row] = []
+    lost = [todo[k].digest for k in losing if k < count]
+    store = SimpleNamespace(finished=frozenset, add=kept.append, flush=lambda: None)
+    under_way = Sweep(store, Prompt(width, breaks, list(lost)))  # type: ignore[arg-type]
+    under_way.carry_out(todo)
+    assert sorted(row["job"] for row in kept) == sorted(job.digest for job in todo)
+    blamed = {row["job"] for row in kept if row["status"] == FAILED}
+    assert blamed == {digest for digest in lost if lost.count(digest) >= 3}, "once in company, then twice alone"
 
 
 def test_rows_land_while_the_sweep_goes_on(tmp_path: Path) -> None:
