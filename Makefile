@@ -52,8 +52,10 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Every fault in every stage on every backend, then an hour's soak in simulated time; more than an hour.
+# Every mutant of the firmware; every fault in every stage on every backend, then an hour's soak in simulated time.
+# More than an hour.
 campaign: install firmware-tools
+	$(MAKE) -C firmware mutate
 	$(BIN)/python -m tests.campaign
 
 bench: install browser-tools firmware-tools

@@ -4,7 +4,7 @@ Each mutant is one change of one file. It is compiled, linked with the other fil
 test that fails; a run that takes too long counts as failed. Mutants that cannot be told apart from the original are
 listed in mutants_equivalent.txt, each with the reason, and are neither run nor counted.
 
-Usage: mutate.py [--jobs N] [--list] [FILE...]
+Usage: mutate.py [--jobs N] [--every N] [--list] [FILE...]
 Exits with 1 when fewer than 90 % are killed.
 """
 
@@ -34,7 +34,9 @@ LONGEST_RUN_S = 10.0
 
 # What is undefined ends a mutant as a failed test would.
 UNDEFINED = ["-fsanitize=undefined", "-fsanitize-undefined-trap-on-error"]
-FLAGS = ["-std=c11", "-O0", "-w", *UNDEFINED, f"-I{CORE}", f"-I{TESTS}", "-isystem", str(GENERATED)]
+FLAGS = ["-std=c11", "-w", *UNDEFINED, f"-I{CORE}", f"-I{TESTS}", "-isystem", str(GENERATED)]
+ONCE, MUTANT = "-O2", "-O0"
+"""What is compiled once has to run fast, what is run once has to compile fast."""
 
 TOKEN = re.compile(
     r"""
@@ -300,7 +302,7 @@ class Bench:
 
     def _compile(self, source: Path) -> Path:
         made = self.folder / f"{source.parent.name}_{source.stem}.o"
-        subprocess.run(["gcc", *FLAGS, "-c", str(source), "-o", str(made)], check=True)
+        subprocess.run(["gcc", *FLAGS, ONCE, "-c", str(source), "-o", str(made)], check=True)
         return made
 
     def _link(self, program: Path, objects: dict[str, Path]) -> None:
@@ -320,7 +322,9 @@ class Bench:
         source, made, program = stem.with_suffix(".c"), stem.with_suffix(".o"), stem.with_suffix("")
         source.write_text(text[: mutant.start] + mutant.new + text[mutant.end :])
         try:
-            compiled = subprocess.run(["gcc", *FLAGS, "-c", str(source), "-o", str(made)], capture_output=True)
+            compiled = subprocess.run(
+                ["gcc", *FLAGS, MUTANT, "-c", str(source), "-o", str(made)], capture_output=True
+            )
             if compiled.returncode != 0:
                 return "stillborn"
             self._link(program, {**self.objects, f"core/{mutant.file}": made})
@@ -348,8 +352,8 @@ def equivalents() -> dict[str, str]:
     return found
 
 
-def run(files: list[str], jobs: int) -> int:
-    """Run all mutants of the files and tell."""
+def run(files: list[str], jobs: int, every: int) -> int:
+    """Run the files' mutants, or one of `every`, and tell."""
     known = equivalents()
     used: set[str] = set()
     killed = total = 0
@@ -359,7 +363,7 @@ def run(files: list[str], jobs: int) -> int:
         bench.build(jobs)
         for file in files:
             mutator = Mutator(file)
-            mutants = [m for m in mutator.mutants() if m.key not in known]
+            mutants = [m for m in mutator.mutants() if m.key not in known][::every]
             used |= {m.key for m in mutator.mutants()} & known.keys()
             verdicts = list(pool.map(lambda p, t=mutator.text: bench.verdict(p[1], t, p[0]), enumerate(mutants)))
             mine = verdicts.count("killed")
@@ -383,6 +387,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Mutation run over the firmware's safety code.")
     parser.add_argument("files", nargs="*", default=list(FILES), metavar="FILE")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="run one mutant of N, the first of each N")
     parser.add_argument("--list", action="store_true", help="tell the mutants and run none")
     arguments = parser.parse_args()
     files = [Path(name).stem for name in arguments.files]
@@ -391,7 +396,7 @@ def main() -> int:
             for mutant in Mutator(file).mutants():
                 print(f"{mutant.file}.c:{mutant.line} {mutant.key}")
         return 0
-    return run(files, arguments.jobs)
+    return run(files, arguments.jobs, max(1, arguments.every))
 
 
 if __name__ == "__main__":

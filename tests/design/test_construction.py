@@ -225,7 +225,7 @@ def test_any_ring_is_built_soundly_or_refused_with_a_reason(
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(n=st.integers(3, 8), phase=st.floats(0.0, 6.2), aspect=st.floats(0.5, 1.0), wall=st.floats(0.0, 0.03))
 def test_random_rings_agree_with_the_oracle(n: int, phase: float, aspect: float, wall: float) -> None:
     try:
