@@ -162,9 +162,7 @@ class Recorder(ClosedAtEnd):
         try:
             self._process.wait(max(0.1, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:  # it is left alone: what it holds is evidence
-            self._fail(
-                OSError(errno.ETIMEDOUT, f"process {self.pid} has not finished after {STOP_S:g} s; it may yet")
-            )
+            self._fail(self._slow())
         if self._failure is None and not self._whole:
             self._fail(self._death())
         if self._failure is not None:
@@ -228,9 +226,7 @@ class Recorder(ClosedAtEnd):
             for frame in self._sender.finish(deadline):
                 self._take(frame)
         except TimeoutError:
-            self._fail(
-                OSError(errno.ETIMEDOUT, f"process {self.pid} has not finished after {STOP_S:g} s; it may yet")
-            )
+            self._fail(self._slow())
         except OSError:
             self._listen()
             self._fail(self._death())
@@ -249,8 +245,9 @@ class Recorder(ClosedAtEnd):
                 self._fail(OSError(word[1], word[2]))
 
     def _fail(self, error: OSError) -> None:
-        """The first failure stays."""
+        """The first failure stays, and nothing is taken down any more: a loop lives for hours after it."""
         self._failure = self._failure or error
+        self.tape.stop()
 
     def _slow(self) -> OSError:
         return OSError(errno.ETIMEDOUT, f"process {self.pid} has not finished after {STOP_S:g} s; it may yet")

@@ -28,7 +28,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from struct import Struct
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,16 @@ _NAME = Struct("<cB")
 _DECIDED = Struct("<cIdddddHBB?")
 PIECE = Struct("<Q")
 """In front of every piece of a tape: its number, so that a missing one is noticed."""
+
+
+class _Nowhere(bytearray):
+    """What is written here is gone."""
+
+    def __iadd__(self, _: Any, /) -> Self:  # type: ignore[misc]  # nothing else of `bytearray` is used of it
+        return self
+
+    def __setitem__(self, at: Any, written: Any, /) -> None:
+        """Nothing is kept."""
 
 
 class Tape:
@@ -76,6 +86,10 @@ class Tape:
         self._pieces += 1
         self.data.clear()
         return piece
+
+    def stop(self) -> None:
+        """Nobody takes what is taken down any more: keep nothing."""
+        self.data = _Nowhere()
 
     def now(self, value: float) -> None:
         """The clock was read."""

@@ -24,6 +24,10 @@ from ori_deploy.telemetry.tape import Tape, plain
 _T = TypeVar("_T")
 
 
+PIECE_BYTES = 64 * 1024
+"""So much of a tape at most waits for a cycle: somebody may look at a controller for hours that has no link."""
+
+
 class TapedClock:
     """A clock whose readings are taken down."""
 
@@ -171,6 +175,8 @@ class _TapedController:
         value = getattr(self._controller, name)
         if len(self._tape.data) > at:
             self._tape.looked(at, name)
+        if len(self._tape.data) > PIECE_BYTES:  # without cycles nobody else hands it over
+            self._recorder.command("", "", "", "", "")
         return value
 
     def _command(self, name: str, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:

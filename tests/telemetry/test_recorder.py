@@ -22,6 +22,7 @@ from ori_deploy.telemetry import recorder as recorder_module
 from ori_deploy.telemetry.read import read_recording, read_run
 from ori_deploy.telemetry.replay import replay
 from ori_deploy.telemetry.schema import CHANNELS, TAPE, TAPE_ENCODING
+from ori_deploy.telemetry.taped import PIECE_BYTES
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 from tests.telemetry.flights import Flight, recorded
 
@@ -163,6 +164,35 @@ def test_a_recorder_that_is_killed_between_commands_is_reported_in_the_result(pa
         assert "flight recorder: " in f.controller.result().observer_errors[0]
 
 
+def test_without_its_recorder_a_loop_keeps_no_tape(path: Path) -> None:
+    """A loop may hold a structure for hours after a disk was full."""
+    with recorded(path, PLAN, RIG, VirtualClock(100.0)) as (f, recorder):
+        begin(f)
+        os.kill(recorder.pid, signal.SIGKILL)
+        recorder._process.wait()
+        assert f.controller.run().succeeded
+        for _ in range(200):
+            f.controller.step()
+        assert len(recorder.tape.data) == 0
+        with pytest.raises(OSError, match="killed by signal 9"):
+            recorder.close()
+
+
+def test_a_tape_is_handed_over_in_pieces_while_there_are_no_cycles(path: Path) -> None:
+    with recorded(path, PLAN, RIG, VirtualClock(100.0)) as (f, recorder):
+        begin(f)
+        f.controller.run()
+        f.controller.disarm()
+        f.controller.disconnect()
+        longest = 0
+        for _ in range(PIECE_BYTES // 5):
+            assert not f.controller.under_way
+            longest = max(longest, len(recorder.tape.data))
+        assert 0.9 * PIECE_BYTES < longest < 1.1 * PIECE_BYTES
+        f.controller.close()
+    assert replay(read_recording(path).tape, PLAN, RIG).same
+
+
 @contextmanager
 def room_for(size: int) -> Iterator[None]:
     """Files of processes that are started meanwhile cannot grow beyond this."""
@@ -227,6 +257,7 @@ LOOP = """
 import sys
 from pathlib import Path
 from ori_deploy.clock import MonotonicClock
+from ori_deploy.telemetry.taped import PIECE_BYTES
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 from tests.telemetry.flights import recorded
 plan = synthetic_plan(4, duration_s=20.0)
