@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ori_deploy.actuators.dynamixel.throughput import check_rate, planned_times
+from ori_deploy.actuators.dynamixel.throughput import check_rate, check_watchdog, planned_times
 from ori_deploy.actuators.dynamixel.wiring import Wiring, resolve_wiring
 from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.actuators.mcu.wiring import resolve_wiring as resolve_mcu
@@ -233,6 +233,7 @@ def _wire(rig: Rig, driven: Sequence[Actuator], latches: Sequence[Latch]) -> tup
         others = [latch for latch in latches if latch.id not in pins]
         mcu = resolve_mcu(rig.mcu, (), others, rig.rate_hz, rig.source)
     wiring = resolve_wiring(rig.dynamixel, driven, on_servos, rig.source)
+    check_watchdog(rig.dynamixel, rig.rate_hz, rig.source)
     check_rate(wiring, planned_times(wiring), rig.rate_hz, fast=rig.dynamixel.fast_sync_read, source=rig.source)
     return wiring, mcu
 

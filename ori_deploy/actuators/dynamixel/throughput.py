@@ -6,11 +6,14 @@ for its return delay before it answers; the adapter hands a reply on once its la
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ori_deploy.actuators.dynamixel.port import BITS_PER_BYTE, FRAME_OVERHEAD, SHORTEST_FRAME
+from ori_deploy.actuators.dynamixel.settings import DynamixelSettings
 from ori_deploy.actuators.dynamixel.wiring import Wiring
 from ori_deploy.errors import RigError
+from ori_deploy.wire.dynamixel.registers import WATCHDOG_UNIT_S
 
 GROUP_PACKET = 14
 """Bytes of a sync read or write without what it says of each servo."""
@@ -23,6 +26,9 @@ STATE_BYTES = 10
 HEALTH_BYTES = 7
 PIN_BYTES = 8
 """The indirect blocks of hinges and of lock pins; see `startup`."""
+
+SILENT_CYCLES = 2.0
+"""Cycles without an instruction that a servo's watchdog has to bear: one is lost, or late."""
 
 STATE_SIZES, HEALTH_SIZES, PIN_SIZES = 5, 3, 3
 """Sizes that repeated reads go through, each a byte longer: a late reply to one of the last has another size."""
@@ -146,6 +152,26 @@ def check_rate(wiring: Wiring, times: WireTimes, rate_hz: float, *, fast: bool, 
         remedy=_remedy(wiring, times, rate_hz, fast=fast),
         source=source,
     )
+
+
+def check_watchdog(settings: DynamixelSettings, rate_hz: float, source: str | None) -> None:
+    """Refuse a watchdog that trips between two cycles of the loop.
+
+    Raises
+    ------
+    RigError
+        With the shortest that would do.
+    """
+    least_s = SILENT_CYCLES / rate_hz
+    if 0.0 < settings.watchdog_s < least_s - 1e-9:
+        raise RigError(
+            "dynamixel.watchdog_s: servos would stop between two cycles of the loop",
+            value=f"{settings.watchdog_s:g} s at {rate_hz:g} Hz",
+            limit=f"at least {SILENT_CYCLES:g} cycles, {least_s:.3g} s; or 0 for none",
+            remedy=f"watchdog_s = {math.ceil(least_s / WATCHDOG_UNIT_S - 1e-9) * WATCHDOG_UNIT_S:.2f} or more, "
+            "or raise rate_hz",
+            source=source,
+        )
 
 
 def _remedy(wiring: Wiring, times: WireTimes, rate_hz: float, *, fast: bool) -> str:

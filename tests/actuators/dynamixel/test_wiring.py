@@ -117,6 +117,7 @@ def test_a_pin_gives_way_where_its_servo_measures_current() -> None:
             ["servo_c1", "POSITION", "6 rad", "extended_position"],
         ),
         (lambda d: d.update(rate_hz=1000.0), ["rate_hz", "1000 Hz", "the longest cycle takes", "remedy"]),
+        (lambda d: d.update(rate_hz=15.0), ["dynamixel.watchdog_s", "0.08 s at 15 Hz", "0.133 s", "watchdog_s = 0.14"]),
     ],
 )
 def test_bad_wiring_is_refused_naming_thing_and_value(change: Change, words: list[str]) -> None:
@@ -124,6 +125,14 @@ def test_bad_wiring_is_refused_naming_thing_and_value(change: Change, words: lis
         wiring(change)
     for word in ["my.toml", *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(("rate_hz", "watchdog_s"), [(12.5, 0.16), (25.0, 0.08), (10.0, 0.0), (100.0, 0.02)])
+def test_a_watchdog_bears_a_cycle_that_is_lost(rate_hz: float, watchdog_s: float) -> None:
+    wiring(lambda d: [d.update(rate_hz=rate_hz), d["dynamixel"].update(watchdog_s=watchdog_s)])
+    if watchdog_s > 0.0:
+        with pytest.raises(RigError, match="between two cycles"):
+            wiring(lambda d: [d.update(rate_hz=0.9 * rate_hz), d["dynamixel"].update(watchdog_s=watchdog_s)])
 
 
 def test_the_shipped_rig_drives_the_example_wing_within_one_turn() -> None:
