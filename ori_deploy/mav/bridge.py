@@ -17,7 +17,7 @@ from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.result import CycleRecord, MotionResult, Outcome
 from ori_deploy.deploy.states import State
 from ori_deploy.mav.interlock import VehicleInterlock
-from ori_deploy.mav.words import Answered, Ask, Ended, Failed, Hold, Snapshot, Tune, Vehicle, Word
+from ori_deploy.mav.words import Answered, Ask, Attending, Ended, Failed, Hold, Snapshot, Tune, Vehicle, Word
 from ori_deploy.operate.desk import Desk
 from ori_deploy.operate.messages import LONGEST_WAIT_S, Code, Do, Request, too_late
 from ori_deploy.wire.vehicle import dialect
@@ -148,6 +148,7 @@ class Bridge:
         if too_late(request, self._now()):
             self._say(Answered(ask.token, False, dialect.ORI_REASON_LOOP_SILENT, "the loop was too late for it"))
             return
+        self._say(Attending(ask.token))
         answer = self._desk.answer(request, ask.who)
         if answer.took and do in (Do.DEPLOY, Do.STOW):
             if self._token:  # gone on with, or turned round: the older order is over

@@ -15,7 +15,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from ori_deploy.mav.links import Heard, Peer
-from ori_deploy.mav.words import Answered, Ask, Ended, Snapshot, Word
+from ori_deploy.mav.words import Answered, Ask, Attending, Ended, Snapshot, Word
 from ori_deploy.wire.vehicle import dialect
 
 FORCE = 21196.0
@@ -24,7 +24,9 @@ FORCE = 21196.0
 LOOP_SILENT_S = 1.0
 """A control loop that has told nothing for so long is asked for nothing."""
 ANSWER_S = 2.0
-"""And one that does not answer by then has not taken it: it takes nothing that old."""
+"""And one that has not begun with it by then never will: it takes nothing that old, but a STOP."""
+LONGEST_ANSWER_S = 60.0
+"""It answers by then what it has begun with: a link is opened, boards start, every servo is armed in its turn."""
 SAME_ANSWER_S = 0.2
 """For so long after a refusal the same wish is refused without asking the loop: a flood does not reach it."""
 PROGRESS_S = 0.5
@@ -115,8 +117,8 @@ class Job:
         Who is to be answered, and where; and when each of them wanted it first.
     begun_s
         When it was asked for.
-    taken
-        Whether the loop said that it began.
+    attended, taken
+        Whether the loop said that it is at it, and that it began.
     cancelled_s
         When its taking back was passed on last.
     told
@@ -129,6 +131,7 @@ class Job:
     begun_s: float
     askers: dict[Asker, Peer] = field(default_factory=dict)
     since_s: dict[Asker, float] = field(default_factory=dict)
+    attended: bool = False
     taken: bool = False
     cancelled_s: float = -math.inf
     told: tuple[int, float] = (-1, -math.inf)
@@ -171,6 +174,7 @@ class Commands:
         self._commanders = commanders
         self._send, self._ask, self._tell = send, ask, tell
         self._jobs: dict[Work, Job] = {}
+        self._adrift: Job | None = None  # a motion that was given up here, and may be going on
         self._answers: OrderedDict[Asker, _Told] = OrderedDict()
         self._refusals: dict[tuple[Work, bool], tuple[Verdict, float]] = {}
         self._tokens = first_token
@@ -220,16 +224,27 @@ class Commands:
         stop = self._jobs.get(Work.STOP)
         if stop is not None and stop.taken and snapshot.at_rest:
             self._end(stop, Verdict(dialect.MAV_RESULT_ACCEPTED), now)
+        held = _held(snapshot) and snapshot.at_rest
+        if not held:
+            self._take_up(snapshot.token)
         motion = self.motion
         if motion is None or snapshot.token != motion.token:
             return
-        if snapshot.held_for and snapshot.at_rest:
-            self._end(motion, Verdict(dialect.MAV_RESULT_FAILED, snapshot.held_for), now)
+        if held:
+            self._let_go(motion, snapshot.held_for or dialect.ORI_REASON_HELD, now)
         else:
             self._progress(motion, now)
 
+    def attending(self, attending: Attending) -> None:
+        """The loop has begun with something that was asked."""
+        for job in self._jobs.values():
+            job.attended = job.attended or job.token == attending.token
+
     def answered(self, answered: Answered, now: float) -> None:
         """What became of something that was asked."""
+        if answered.took and self._take_up(answered.token):
+            # Whoever wanted it was told that nothing came of it.
+            self._ask(Ask(self._token(), str(Work.STOP), "nobody who waits for it", False, now))
         job = next((job for job in self._jobs.values() if job.token == answered.token), None)
         if job is None:
             return
@@ -251,16 +266,21 @@ class Commands:
 
     def ended(self, ended: Ended, now: float) -> None:
         """How an order ended."""
+        if self._adrift is not None and self._adrift.token == ended.token:
+            self._adrift = None
         motion = self.motion
         if motion is None or motion.token != ended.token:
             return
         self._end(motion, _verdict(ended.outcome), now)
 
     def tick(self, now: float) -> None:
-        """Give up on a loop that does not answer."""
+        """Give up on a loop that does not answer; say that it is at it while it is."""
         for job in tuple(self._jobs.values()):
-            if (not job.taken and now - job.begun_s > ANSWER_S) or (job.taken and self._silent(now)):
-                self._end(job, Verdict(dialect.MAV_RESULT_FAILED, dialect.ORI_REASON_LOOP_SILENT), now)
+            patience_s = LONGEST_ANSWER_S if job.attended else ANSWER_S
+            if self._silent(now) if job.taken else now - job.begun_s > patience_s:
+                self._let_go(job, dialect.ORI_REASON_LOOP_SILENT, now)
+            elif job.attended and not job.taken and now - job.begun_s > PROGRESS_S:
+                self._progress(job, now)
 
     # -- inside --------------------------------------------------------------------------------------------
 
@@ -290,8 +310,8 @@ class Commands:
     def _at_once(self, work: Work, now: float) -> Verdict | None:
         """The answer where nothing has to be asked of the loop."""
         snapshot = self._snapshot
-        if snapshot is None or self._silent(now):
-            return refusal(dialect.ORI_REASON_LOOP_SILENT)
+        if snapshot is None or self._silent(now):  # a STOP waits for the loop: it is done whenever that comes
+            return None if work is Work.STOP else refusal(dialect.ORI_REASON_LOOP_SILENT)
         if work in _ENDS and self.motion is not None:
             return refusal(dialect.ORI_REASON_BUSY)
         if _ENDS.get(work) == snapshot.state:
@@ -326,6 +346,20 @@ class Commands:
             for asker, peer in job.askers.items():
                 self._acknowledge(asker, peer, dialect.MAV_RESULT_IN_PROGRESS, percent, 0)
 
+    def _let_go(self, job: Job, reason: int, now: float) -> None:
+        """Tell of a failure of what is not over for the loop, or may not be."""
+        self._end(job, Verdict(dialect.MAV_RESULT_FAILED, reason), now)
+        if job.work in _ENDS:
+            self._adrift = job
+
+    def _take_up(self, token: int) -> bool:
+        """Watch over a motion again that was given up, if that is its token: it goes on."""
+        job = self._adrift
+        if job is None or job.token != token or self.motion is not None:
+            return False
+        self._jobs[job.work], self._adrift = job, None
+        return True
+
     def _end(self, job: Job, verdict: Verdict, now: float) -> None:
         del self._jobs[job.work]
         given_up = job.taken and verdict.result != dialect.MAV_RESULT_ACCEPTED
@@ -348,18 +382,19 @@ class Commands:
         if told is None or now - told.said_s > REMEMBERED_S:
             return None
         # Repeated because of a new one that was lost? Then the older one's answer may not be true any more.
-        gone = told.verdict.result == dialect.MAV_RESULT_ACCEPTED and not self._still(asker)
-        return None if gone else told.verdict
+        if told.verdict.result == dialect.MAV_RESULT_ACCEPTED:
+            return told.verdict if self._still(asker, now) else None
+        return None if asker.work is Work.STOP else told.verdict  # a STOP that failed is tried, however often
 
     def _sent_again(self, asker: Asker, now: float) -> bool:
         """Whether it is the sending again of a command that was begun and given up since."""
         told = self._answers.get(asker)
         return told is not None and now < told.again_until_s
 
-    def _still(self, asker: Asker) -> bool:
-        """Whether the structure is where a command that was accepted brought it."""
-        end = None if asker.work is None else _ENDS.get(asker.work)
-        return end is None or (self._snapshot is not None and self._snapshot.state == end)
+    def _still(self, asker: Asker, now: float) -> bool:
+        """Whether what a command that was accepted brought about is so: it would be accepted at once."""
+        at_once = None if asker.work is None else self._at_once(asker.work, now)
+        return at_once is not None and at_once.result == dialect.MAV_RESULT_ACCEPTED
 
     def _repeat(self, asker: Asker, peer: Peer, now: float) -> None:
         verdict = self._remembered(asker, now)

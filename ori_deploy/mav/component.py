@@ -25,7 +25,7 @@ from ori_deploy.mav.parameters import (
 )
 from ori_deploy.mav.settings import Settings
 from ori_deploy.mav.texts import Texts
-from ori_deploy.mav.words import Answered, Ended, Hold, Snapshot, Tune, Word
+from ori_deploy.mav.words import Answered, Attending, Ended, Hold, Snapshot, Tune, Word
 from ori_deploy.wire.vehicle import dialect
 
 BEAT_LATE_S = 1.0
@@ -212,6 +212,8 @@ class Component:
             if word.beat and now - word.time_s <= BEAT_LATE_S:
                 self._send(telemetry.heartbeat(word), None)
                 self._send(telemetry.health(word), None)
+        elif isinstance(word, Attending):
+            self._commands.attending(word)
         elif isinstance(word, Answered):
             self._commands.answered(word, now)
         elif isinstance(word, Ended):

@@ -149,6 +149,13 @@ class Snapshot:
 
 
 @dataclass(frozen=True, slots=True)
+class Attending:
+    """The loop has begun with an `Ask`: its answer comes, however long connecting, arming or restarting takes."""
+
+    token: int
+
+
+@dataclass(frozen=True, slots=True)
 class Answered:
     """What became of an `Ask`: begun, or not and why (an ORI_REASON and words)."""
 
@@ -167,10 +174,11 @@ class Ended:
     text: str
 
 
-Word = Ask | Vehicle | Hold | Tune | Ready | Alive | Failed | Snapshot | Answered | Ended
+Word = Ask | Vehicle | Hold | Tune | Ready | Alive | Failed | Snapshot | Attending | Answered | Ended
 
 _KINDS: dict[str, type[Word]] = {
-    kind.__name__: kind for kind in (Ask, Vehicle, Hold, Tune, Ready, Alive, Failed, Snapshot, Answered, Ended)
+    kind.__name__: kind
+    for kind in (Ask, Vehicle, Hold, Tune, Ready, Alive, Failed, Snapshot, Attending, Answered, Ended)
 }
 _W = TypeVar("_W")
 

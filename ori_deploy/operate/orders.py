@@ -7,7 +7,7 @@ from collections.abc import Callable
 from ori_deploy.clock import Clock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import ENDED, MotionResult
-from ori_deploy.deploy.states import IN_MOTION, State
+from ori_deploy.deploy.states import IN_MOTION, Event, IllegalCommand, State
 
 _COVERED = IN_MOTION | {State.DEPLOYED}
 """States in which the span still is as it was when the deployment began: only the flat stack folds that way."""
@@ -82,7 +82,16 @@ class StandingOrders:
         self._running = True
 
     def clear_fault(self) -> None:
-        """Forget the latched fault; nothing moves and nothing is powered."""
+        """Forget the latched fault; nothing moves and nothing is powered.
+
+        Raises
+        ------
+        IllegalCommand
+            As the controller, and in the cycle of the fault itself: that the order has failed is told first.
+        """
+        if self._running and self._controller.state is State.FAULT:
+            because = "the order that failed is not over before the next cycle; remedy: give it again"
+            raise IllegalCommand(self._controller.state, Event.CLEAR_FAULT, because)
         self._controller.clear_fault()
 
     def span_is_unfolded(self) -> None:

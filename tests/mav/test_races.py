@@ -5,20 +5,24 @@ from __future__ import annotations
 import pytest
 
 from ori_deploy.deploy.states import State
+from ori_deploy.mav.commands import LONGEST_ANSWER_S
 from ori_deploy.mav.words import Tune
 from ori_deploy.operate.messages import Do, Request
 from ori_deploy.wire.vehicle import dialect
 from tests.mav.test_component import (
     ACCEPTED,
     CANCELLED,
+    CLEAR,
     DENIED,
     DEPLOY,
+    FAILED,
     FOLD,
+    IN_PROGRESS,
     LATER,
     STOP,
     deployed,
 )
-from tests.mav.world import AUTOPILOT, IN_AIR, US, World, command, world
+from tests.mav.world import AUTOPILOT, GROUND, IN_AIR, US, World, command, heartbeat, world
 
 
 def slowly(w: World, part: float = 0.3) -> None:
@@ -176,3 +180,180 @@ def test_nothing_is_said_of_a_structure_whose_loop_is_silent(number: int) -> Non
         DENIED if number == dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST else LATER
     ]
     assert not w.take(dialect.MAVLink_ori_structure_message)
+
+
+def test_a_stop_that_got_lost_is_not_answered_by_an_older_one() -> None:
+    """Who repeats it with confirmation 1 has sent a first one that nobody heard."""
+    w = world()
+    w.run(0.1)
+    w.hear(command(STOP))
+    assert w.answers() == [(ACCEPTED, dialect.ORI_REASON_NOTHING_TO_DO)]
+    w.hear(command(DEPLOY), GROUND)
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.1)
+    w.hear(command(STOP, confirmation=1))
+    assert w.answers() == []
+    w.until(lambda: w.state is State.ARMED, 3.0)
+    w.run(0.2)
+    assert set(results(w)) == {(STOP, ACCEPTED), (DEPLOY, CANCELLED)}
+    w.hear(command(STOP, confirmation=2))  # and what is so is told again
+    assert results(w) == [(STOP, ACCEPTED)]
+
+
+def test_a_fault_is_not_forgotten_because_an_older_one_was() -> None:
+    w = world()
+    w.run(0.1)
+    w.hear(command(CLEAR))
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING)
+    w.bench.controller.emergency_stop()
+    w.until(lambda: w.state is State.FAULT and w.desk.at_rest)
+    w.run(0.3)
+    results(w)
+    w.hear(command(CLEAR, confirmation=1))
+    w.run(0.2)
+    assert w.state is not State.FAULT
+    assert results(w) == [(CLEAR, ACCEPTED)]
+
+
+# -- a loop that takes its time ----------------------------------------------------------------------------
+
+
+def test_a_stop_for_a_silent_loop_waits_for_it() -> None:
+    w = world()
+    slowly(w, 0.2)
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.05)
+    w.loop_hangs = True
+    w.run(1.5)
+    results(w)
+    for _ in range(300):  # a flood of them into a loop that is not there
+        w.hear(command(STOP))
+        w.cycle()
+    assert results(w) == [(STOP, FAILED)]
+    w.hear(command(STOP, confirmation=1))  # is no answer to this one
+    assert len([word for word in w.to_loop if word[0] == "Ask"]) <= 3
+    w.loop_hangs = False
+    w.run(1.0)
+    assert w.state in (State.ARMED, State.FAULT)
+    assert w.record.rate == 0.0
+    assert (STOP, ACCEPTED) in results(w)
+
+
+def arming_for(w: World, seconds: float) -> None:
+    """The first order takes so long: the loop connects, boards start, every servo is armed in its turn."""
+
+    def vouch() -> None:
+        for index in range(round(100.0 * seconds)):
+            w.bench.clock.sleep_until(w.now + 0.01)
+            if index % 50 == 0:
+                w.hear(heartbeat())
+            w.tell_component()
+
+    w.orders._vouch = vouch
+
+
+def test_an_order_that_takes_long_to_begin_is_told_and_watched() -> None:
+    w = world(link_loss="hold", link_timeout_s=3.0)
+    slowly(w, 0.2)
+    w.run(0.1)
+    arming_for(w, 6.0)
+    w.hear(command(DEPLOY))
+    w.cycle()
+    told = [ack.result for ack in w.take(dialect.MAVLink_command_ack_message)]
+    assert len(told) >= 5
+    assert set(told) == {IN_PROGRESS}, "stations give up what nobody speaks of"
+    w.run(0.5)
+    assert w.state is State.MOVING
+    w.run(4.0, ground=False)
+    assert w.state is State.HOLD, "its station fell silent"
+    assert results(w) == [(DEPLOY, FAILED)]
+
+
+def test_an_order_that_was_given_up_and_begins_after_all_is_stopped() -> None:
+    w = world()
+    slowly(w)
+    w.run(0.1)
+    arming_for(w, LONGEST_ANSWER_S + 5.0)
+    w.hear(command(DEPLOY))
+    w.cycle()
+    assert results(w) == [(DEPLOY, FAILED)]
+    w.run(2.0)
+    assert w.state is State.ARMED
+    assert w.record.commanded_fold < 0.1
+    assert not w.orders.running
+
+
+def test_a_motion_whose_loop_was_silent_for_a_while_is_watched_again() -> None:
+    w = world(link_loss="hold", link_timeout_s=3.0)
+    slowly(w, 0.1)
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING)
+    w.loop_hangs = True
+    w.run(1.3)
+    assert results(w) == [(DEPLOY, FAILED)]
+    w.loop_hangs = False
+    w.run(0.3)
+    assert w.state is State.MOVING
+    w.hear(command(FOLD))
+    assert results(w) == [(FOLD, LATER)]
+    w.hear(dialect.MAVLink_command_cancel_message(1, 140, DEPLOY))
+    w.until(lambda: w.state is State.ARMED, 3.0)
+
+
+# -- held, by others than the network ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("then", [DEPLOY, FOLD])
+def test_what_was_held_by_a_terminal_goes_on_or_turns_round_for_a_station(then: int) -> None:
+    w = world()
+    slowly(w)
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.2)
+    w.desk.answer(Request(Do.PAUSE), "a terminal")
+    w.run(2.5)
+    acks = w.take(dialect.MAVLink_command_ack_message)
+    assert (acks[-1].result, acks[-1].result_param2) == (FAILED, dialect.ORI_REASON_HELD)
+    w.hear(command(then))
+    w.until(lambda: w.state is (State.DEPLOYED if then == DEPLOY else State.STOWED))
+    w.run(0.2)
+    assert results(w) == [(then, ACCEPTED)]
+
+
+def test_what_a_terminal_goes_on_with_is_the_stations_again() -> None:
+    w = world(link_loss="hold", link_timeout_s=3.0)
+    slowly(w, 0.1)
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING and w.record.commanded_fold > 0.1)
+    w.desk.answer(Request(Do.PAUSE), "a terminal")
+    w.run(1.0)
+    assert results(w) == [(DEPLOY, FAILED)]
+    w.desk.answer(Request(Do.RESUME), "a terminal")
+    w.run(0.5)
+    w.hear(command(FOLD))
+    assert results(w) == [(FOLD, LATER)]
+    w.run(4.0, ground=False)
+    assert w.state is State.HOLD
+
+
+def test_a_fault_cannot_be_cleared_before_its_order_is_over() -> None:
+    """Two terminals in one cycle: one presses the emergency stop on what is held, the other clears the fault."""
+    w = world()
+    w.run(0.1)
+    w.hear(command(DEPLOY))
+    w.until(lambda: w.state is State.MOVING)
+    w.desk.answer(Request(Do.PAUSE), "a terminal")
+    w.run(1.0)
+    assert w.desk.answer(Request(Do.ESTOP), "a terminal").took
+    refused = w.desk.answer(Request(Do.CLEAR_FAULT), "another")
+    assert not refused.took
+    assert "not over" in (refused.why or "")
+    w.cycle()
+    assert w.desk.answer(Request(Do.CLEAR_FAULT), "another").took
+    w.run(0.5)
+    w.desk.answer(Request(Do.ARM), "a terminal")
+    w.run(0.1)
+    assert w.state is State.ARMED

@@ -90,6 +90,10 @@ class World:
             result = self.orders.step()
             if result is not None:
                 self.bridge.ended(result)
+        self.tell_component()
+
+    def tell_component(self) -> None:
+        """What the component hears of the loop, and what is due there."""
         while self.to_component:
             word = word_of(self.to_component.popleft())
             assert word is not None
