@@ -12,7 +12,7 @@ import click
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ori_deploy.cli.frame import IN, OUT, example, named_after, print_table
+from ori_deploy.cli.frame import IN, OUT, example, named_after, print_table, warn
 from ori_deploy.cli.optimise import Request, default_workers
 from ori_deploy.cli.spanwise import design_rows, plan_rows, span_poses
 from ori_deploy.cli.steps import (
@@ -26,6 +26,9 @@ from ori_deploy.cli.steps import (
 from ori_deploy.errors import InputError
 from ori_deploy.files import Design, load_design, pose_data
 from ori_deploy.motion import Plan
+
+LARGE_M = 50.0
+"""What is larger than that was probably meant in millimetres."""
 
 
 @click.command(epilog=example("ori-deploy design examples/wing_naca2412.toml -o wing.design.json"))
@@ -91,6 +94,9 @@ def _print_design(made: tuple[Design, dict[str, Any], Path], more: Sequence[tupl
             ("written", str(path)),
         ],
     )
+    size_m = max(built.unit_m * s.profile.size, built.span_m)
+    if size_m > LARGE_M:
+        warn(f"this is {size_m:.4g} m large: lengths whose key ends in _m are metres; 0.25 for 250 mm")
 
 
 @click.command(epilog=example("ori-deploy poses wing.design.json --fold 0.3 --fold-cell c2=0.5 --json"))

@@ -143,6 +143,19 @@ def test_a_shell_sees_the_status_and_one_line(tmp_path: Path) -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("in_mm", [False, True])
+def test_lengths_that_were_meant_in_millimetres_are_asked_about(tmp_path: Path, in_mm: bool) -> None:
+    text = (EXAMPLES / "ellipse_4.toml").read_text()
+    for key, value in (("a_m", 0.1), ("b_m", 0.06), ("span_m", 0.5), ("wall_m", 0.001)):
+        assert f"{key} = {value}" in text
+        text = text.replace(f"{key} = {value}", f"{key} = {1e3 * value if in_mm else value}")
+    (tmp_path / "shape.toml").write_text(text)
+    done = run("design", "shape.toml", cwd=tmp_path)
+    assert done.returncode == 0
+    assert ("500 m large" in done.stderr) == in_mm
+    assert len(done.stderr.splitlines()) == in_mm
+
+
 def test_colliding_slit_is_refused_and_leaves_no_plan(tmp_path: Path) -> None:
     text = (EXAMPLES / "wing_naca2412.toml").read_text().replace('slits = [["P", "T2"]]', 'slits = [["P", "T1"]]')
     (tmp_path / "graze.toml").write_text(text)
