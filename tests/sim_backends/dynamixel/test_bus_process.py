@@ -20,7 +20,7 @@ import serial
 from click.testing import CliRunner
 
 from ori_deploy.errors import InputError
-from sim_backends.dynamixel.launcher import VirtualBusError
+from sim_backends.dynamixel.launcher import PRIORITY, VirtualBusError
 from sim_backends.dynamixel.plug import claim
 from sim_backends.dynamixel.process import Process
 from sim_backends.dynamixel_bus import BusSpec, ServoSpec, VirtualBus, main
@@ -425,3 +425,11 @@ def _command(*words: Any) -> Iterator[subprocess.Popen[str]]:
 
 def test_everyone_on_the_port_is_heard_in_one_line(port: Port) -> None:
     assert [one.id for one in statuses(port.ask(frame(BROADCAST, b"\x01"), 28))] == [1, 2]
+
+
+def test_servos_wait_for_no_processor_where_that_is_allowed(shared: VirtualBus) -> None:
+    """Real ones do not; on a busy machine those of a plant, which computes, have to."""
+    if os.sched_getscheduler(shared.pid) != os.SCHED_FIFO:
+        with pytest.raises(PermissionError):
+            os.sched_setscheduler(shared.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        pytest.skip("real-time priority is not allowed here")
