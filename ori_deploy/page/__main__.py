@@ -25,11 +25,15 @@ from ori_deploy.page.door import Door
 from ori_deploy.page.line import Lines
 from ori_deploy.page.listening import listening
 from ori_deploy.page.live import Live
+from ori_deploy.page.process import Process
 from ori_deploy.page.site import serve
 from ori_deploy.page.sources import design_with
 from ori_deploy.runtime_dir import runtime_dir
 
 _LINGERS_S = 600.0
+_DESERTED_S = 20.0
+"""Without a browser for so long nobody looks: one that loads the page again, or whose network is gone, comes back."""
+_LOOK_S = 0.2
 _TURN_S = 1e-3
 """How long one thread may keep the others waiting: a stop comes in by one, and poses are worked out in another."""
 
@@ -58,7 +62,8 @@ def _page(how: dict[str, Any]) -> tuple[Channel, Live, str]:
     plan = load_plan(plan_path)
     design = design_with(plan.design_sha256, plan_path, None if how["design"] is None else Path(how["design"]))
     door = Door.on(how["host"], beyond_loopback=how["beyond_loopback"], option="--view-host")
-    lines = Lines(socket_path(runtime_dir(), int(how["pid"])))
+    pid = int(how["pid"])
+    lines = Lines(socket_path(runtime_dir(), pid), Process.of(pid))
     channel = Channel(lines)
     ear = listening(door.host, how["port"], ("--view-host", "--view-port"))
     server = serve(door, ear, design.name, channel)
@@ -67,12 +72,18 @@ def _page(how: dict[str, Any]) -> tuple[Channel, Live, str]:
 
 def _until_over(end: socket.socket, channel: Channel) -> None:
     """Until the starter is gone; then for as long as somebody looks, with a bound. A word from it ends it at once."""
-    select.select([end], [], [])
-    if end.recv(1):
-        return
-    deadline = time.monotonic() + _LINGERS_S
-    while channel.browsers and time.monotonic() < deadline:
-        time.sleep(0.2)
+    now = looked_s = time.monotonic()
+    deadline = None
+    while deadline is None or (now < deadline and now - looked_s < _DESERTED_S):
+        if deadline is not None:
+            time.sleep(_LOOK_S)
+        elif select.select([end], [], [], _LOOK_S)[0]:
+            if end.recv(1):
+                return
+            deadline = time.monotonic() + _LINGERS_S
+        now = time.monotonic()
+        if channel.browsers:
+            looked_s = now
 
 
 if __name__ == "__main__":

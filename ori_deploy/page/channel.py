@@ -1,7 +1,7 @@
 """The operator's own socket on the page: what the buttons ask, and how things are, as JSON texts both ways.
 
 News have numbers. An order tells the number of the news that its operator saw; when those are old, something between
-them hung meanwhile, and the order is not passed on. Nothing of that holds for a stop.
+them hung meanwhile, and an order that may lead to a motion is not passed on. Nothing of that holds for a stop.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast
 
-from ori_deploy.operate.messages import Answer, Code, Do, Request
+from ori_deploy.operate.messages import MAY_MOVE, Answer, Code, Do, Request
 from ori_deploy.page.control import Control
 from ori_deploy.page.line import LineLost, Lines
 
@@ -97,9 +97,15 @@ def outcome(do: str, answer: Answer) -> Outcome:
 
 
 def unanswered(do: str, lost: LineLost) -> Outcome:
-    """No answer in words; only of a controller that is not there it is known that it took nothing."""
+    """No answer in words; it is known that nothing was taken where there is no controller, or nothing was sent.
+
+    Of a stop that is not enough: as long as there is a controller it is not confirmed, and is sent again.
+    """
     if lost.ended:
         return Outcome(do, False, "there is no controller any more: it has ended")
+    if lost.shut:
+        why = "the controller takes no commands any more, and may be moving: press Ctrl-C in its terminal"
+        return Outcome(do, None if do == STOP else False, why)
     if do == STOP:
         return Outcome(do, None, "the controller does not answer: press Ctrl-C in its terminal, or ori-deploy estop")
     return Outcome(do, None, "the controller does not answer: whether it was taken is not known; see the state")
@@ -200,6 +206,11 @@ class Channel:
         told_s = next((at for one, at in reversed(self._told_s) if one == number), None)
         return None if told_s is None else self._now() - told_s
 
+    def _is_old(self, number: int) -> bool:
+        """Whether these news are no ground to begin a motion on."""
+        age_s = self._age_s(number)
+        return age_s is None or age_s > FRESH_S
+
     async def _heard(self, who: str, connection: ServerConnection, words: str | bytes) -> None:
         asked = asked_for(words)
         if asked is None:
@@ -222,8 +233,7 @@ class Channel:
     async def _ordered(self, who: str, wish: Wish, asked: Asked) -> Outcome:
         if not self.control.may_command(who):
             return Outcome(wish, False, "you do not hold control")
-        age_s = self._age_s(asked.seen)
-        if age_s is None or age_s > FRESH_S:
+        if _ORDERS[wish] in MAY_MOVE and self._is_old(asked.seen):
             why = "what you saw is not how things are now: look at the state, and ask again"
             return Outcome(wish, False, why, str(Code.TOO_LATE))
         request = Request(_ORDERS[wish], asked_s=self._now(), span_unfolded=asked.span_unfolded)

@@ -30,6 +30,8 @@ CREASE_COLOURS: dict[CreaseKind, Rgb] = {"opening": rgb("#16202e"), "closing": r
 SLIT_COLOUR = rgb(SLIT)
 RED: Rgb = (255, 0, 24)
 """Panels that reach into each other; no cell has it."""
+GREY: Rgb = (196, 200, 206)
+"""Panels of which nobody knows where they are."""
 
 
 @dataclass(frozen=True)

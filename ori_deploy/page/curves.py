@@ -18,6 +18,8 @@ from ori_deploy.view.ink import cell_colour
 
 _CREASE_COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#e69f00")
 ALL_CELLS = "all cells"
+_GAP_S = 1e-6
+"""How far a gap is behind what was known last; times come in thousandths of a second."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,11 @@ class Recent:
         told += [float("nan")] * (len(self._names) - len(told))
         if not self._rows or time_s > self._rows[-1][0]:
             self._rows.append((time_s, tuple(told)))
+
+    def gap(self) -> None:
+        """Nothing is known for a while: what comes next is not joined to what was."""
+        if self._rows and not np.isnan(self._rows[-1][1]).all():
+            self._rows.append((self._rows[-1][0] + _GAP_S, (float("nan"),) * len(self._names)))
 
     @property
     def curves(self) -> Curves:

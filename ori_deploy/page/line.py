@@ -6,10 +6,12 @@ import select
 import socket
 import threading
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from ori_deploy.errors import OriDeployError
 from ori_deploy.operate.messages import Answer, Do, Request, parse_answer, request_line
+from ori_deploy.page.process import Process
 
 PATIENCE_S = 2.0
 """How long an answer may take: a controller looks at its socket once per cycle."""
@@ -25,14 +27,38 @@ class LineLost(OriDeployError):
     Attributes
     ----------
     ended
-        Whether nobody is there at all; otherwise it hangs, and may be moving.
+        Whether the controller is known to have ended; otherwise it may be moving.
     last
         What it said when it ended, if it did.
+    shut
+        Whether there is nobody at its socket: over a line of its own, what was asked was not even sent. No end by
+        itself: a controller whose socket has failed, or whose folder was removed, goes on with what it does.
     """
 
-    def __init__(self, text: str, *, ended: bool = False, last: Answer | None = None) -> None:
+    def __init__(self, text: str, *, ended: bool = False, last: Answer | None = None, shut: bool = False) -> None:
         super().__init__(text)
-        self.ended, self.last = ended, last
+        self.ended, self.last, self.shut = ended, last, shut
+
+
+@dataclass
+class Known:
+    """What all lines to a controller know of its end.
+
+    Attributes
+    ----------
+    process
+        Its; None where that is not known: then only its last word tells that it has ended.
+    last
+        Its last word, once one of the lines has heard it.
+    """
+
+    process: Process | None = None
+    last: Answer | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has, for certain."""
+        return self.last is not None or (self.process is not None and self.process.gone)
 
 
 class Line:
@@ -47,14 +73,16 @@ class Line:
         The socket.
     patience_s
         How long an answer may take.
+    known
+        Shared with other lines to the same controller.
     """
 
-    def __init__(self, path: Path, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, path: Path, patience_s: float = PATIENCE_S, known: Known | None = None) -> None:
         self._path, self._patience_s = path, patience_s
+        self._known = Known() if known is None else known
         self._link: socket.socket | None = None
         self._heard = b""
         self._owed = 0  # answers that were not waited for to their end
-        self._last: Answer | None = None
         self._turn = threading.Lock()
 
     def ask(self, request: Request, *, again: bool = False) -> Answer:
@@ -90,7 +118,7 @@ class Line:
         """Open it where it does not stand; what is asked meanwhile does not wait for that."""
         if self._link is not None and not _hung_up(self._link):
             return
-        new = Line(self._path, self._patience_s)
+        new = Line(self._path, self._patience_s, self._known)
         try:
             new.ask(Request(Do.STATUS, keep=True))
         except LineLost:
@@ -108,8 +136,8 @@ class Line:
             self._drop()
 
     def _lost(self, wrong: Exception) -> LineLost:
-        ended = isinstance(wrong, ConnectionRefusedError | FileNotFoundError)
-        return LineLost(str(wrong), ended=ended, last=self._last if ended else None)
+        shut = isinstance(wrong, ConnectionRefusedError | FileNotFoundError)
+        return LineLost(str(wrong), ended=self._known.ended, last=self._known.last, shut=shut)
 
     def _connected(self) -> socket.socket:
         if self._link is None:
@@ -134,7 +162,7 @@ class Line:
                 self._answer(link)
             return self._answer(link)
         except (TimeoutError, BlockingIOError) as silent:  # the latter where too many wait to be let in
-            raise LineLost(f"no answer within {self._patience_s:g} s") from silent
+            raise self._lost(TimeoutError(f"no answer within {self._patience_s:g} s")) from silent
 
     def _send(self, link: socket.socket, request: Request) -> None:
         try:
@@ -157,7 +185,7 @@ class Line:
         line, _, self._heard = self._heard.partition(b"\n")
         answer = parse_answer(line)
         if answer.last:
-            self._last = answer
+            self._known.last = answer
             raise ConnectionResetError("the controller has ended")
         self._owed -= 1
         return answer
@@ -191,11 +219,14 @@ class Lines:
     ----------
     path
         The operator's socket.
+    process
+        The controller's, by which it is known to have ended where it had no last word.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stop, self._status = Line(path), Line(path, STATUS_PATIENCE_S)
+    def __init__(self, path: Path, process: Process | None = None) -> None:
+        self._path, self._known = path, Known(process)
+        self._stop = Line(path, known=self._known)
+        self._status = Line(path, STATUS_PATIENCE_S, self._known)
 
     def status(self) -> Answer:
         """How the controller is. Raises `LineLost`, with its last word where it has ended."""
@@ -211,14 +242,14 @@ class Lines:
         LineLost
             Nobody answers; whether it was taken, the status tells.
         """
-        line = Line(self._path)
+        line = Line(self._path, known=self._known)
         try:
             return line.ask(request)
         finally:
             line.close()
 
     def stop(self, *, again: bool = False) -> Answer:
-        """As fast as can be. Raises `LineLost`: unless nobody is there, it may yet be carried out."""
+        """As fast as can be. Raises `LineLost`: unless the controller has ended, it may yet be carried out."""
         return self._stop.ask(Request(Do.ESTOP), again=again)
 
     def keep_stop_open(self) -> None:

@@ -19,9 +19,8 @@ from ori_deploy.page.curves import Recent
 from ori_deploy.page.judging import Verdict
 from ori_deploy.page.line import LineLost, Lines
 from ori_deploy.page.panel import Chart
-from ori_deploy.page.telling import Watch, latch_states, lost, news
+from ori_deploy.page.telling import Seen, Watch, latch_states, lost, news, readings
 from ori_deploy.page.viewer import Viewer
-from ori_deploy.profiles.profile import Reals
 
 ASK_S = 0.05
 _CHARTS_EVERY, _STOP_LINE_EVERY = 10, 20
@@ -57,7 +56,7 @@ class Live:
         with tabs.add_tab("Section"):
             self._viewer.add_section()
         self._plots = tabs.add_tab("Plots")
-        self._viewer.show(np.zeros(len(plan.cell_ids)))
+        self._viewer.show(np.zeros(len(plan.cell_ids)), measured=False)
 
     def run(self) -> None:
         """Ask again and again, for as long as the page lives."""
@@ -75,8 +74,10 @@ class Live:
         try:
             answer = self._lines.status()
         except LineLost as wrong:
+            if wrong.last is None:  # with a last word it stays as it was at the end
+                self._lose()
             self._channel.tell(lost(wrong, self._was_there))
-            if wrong.ended:
+            if wrong.ended or wrong.shut:
                 time.sleep(_ENDED_S)
             return
         status = answer.status
@@ -86,17 +87,30 @@ class Live:
         if count % _STOP_LINE_EVERY == 0:
             self._lines.keep_stop_open()
         seen = self._watch.note(status)
-        self._viewer.show(seen.fold)
-        self._viewer.shown.latch(latch_states(status))
-        self._remember(status, seen.fold, draw=count % _CHARTS_EVERY == 0)
+        self._viewer.show(seen.fold, measured=seen.measured)
+        # Without readings of hinges nobody knows how old what the latches said is.
+        self._viewer.shown.latch(latch_states(status) if seen.measured else {})
+        if not seen.measured:
+            self._verdict = None
+        self._remember(status, seen, draw=count % _CHARTS_EVERY == 0)
         self._channel.tell(news(answer, status, self._verdict, self._plan, seen))
 
-    def _judged(self, verdict: Verdict) -> None:
+    def _lose(self) -> None:
+        """Nothing that was told before is how things are now."""
+        self._watch.forget()
+        self._viewer.lose()
+        self._viewer.shown.latch({})
+        self._verdict = None
+        for recent in self._recent.values():
+            recent.gap()
+
+    def _judged(self, verdict: Verdict | None) -> None:
         self._verdict = verdict
 
-    def _remember(self, status: Status, fold: Reals, *, draw: bool) -> None:
+    def _remember(self, status: Status, seen: Seen, *, draw: bool) -> None:
         cells = self._plan.cell_ids
-        degrees = np.degrees(self._viewer.mover.mechanism.four_bars.angles(fold[None, :]))[0, :, 2]
+        degrees = np.degrees(self._viewer.mover.mechanism.four_bars.angles(seen.fold[None, :]))[0, :, 2]
+        degrees[np.isnan(readings(status, len(cells)))] = np.nan
         rows = {
             "angle of crease close_a (°)": (cells, degrees.tolist()),
             "servo current (A)": (_numbered(status.current_a), status.current_a),
@@ -104,6 +118,8 @@ class Live:
         }
         for title, (names, values) in rows.items():
             if not values:
+                if title in self._recent:
+                    self._recent[title].gap()
                 continue
             recent = self._recent.setdefault(title, Recent(title, names, rows=round(60.0 / ASK_S)))
             recent.add(status.uptime_s, values)

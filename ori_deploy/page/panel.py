@@ -57,6 +57,16 @@ def verdict_html(verdict: Verdict) -> str:
     )
 
 
+def unmeasured_html() -> str:
+    """In place of a verdict, where nobody knows the pose."""
+    return f'<div style="{_BOX}"><b>Not measured.</b> What is drawn in grey may not be where it is.</div>'
+
+
+def unjudged_html() -> str:
+    """In place of a verdict, where there is none."""
+    return f'<div style="{_BOX}">This pose could not be judged.</div>'
+
+
 def span_html(verdict: Verdict, folded: float | None) -> str:
     """What is known of a span in segments, for which the cells' verdict does not speak."""
     if folded is None:

@@ -2,7 +2,8 @@
 
 Without a graphics card the browser's processor draws. Lighting every pixel takes most of its time, and every object
 a third of a millisecond: so bodies have their light painted on and no rims, and all of a rigid body is one object:
-its panels, and its creases and slits as rods. With a red panel it is another object, uploaded when it first has one.
+its panels, and its creases and slits as rods. With a red panel it is another object, uploaded when it first has one,
+and so it is in grey, where nobody knows where it is.
 """
 
 from __future__ import annotations
@@ -13,14 +14,18 @@ import numpy as np
 import viser
 from numpy.typing import ArrayLike, NDArray
 
-from ori_deploy.page.content import RED, Content, Rgb
+from ori_deploy.page.content import GREY, RED, Content, Rgb
 from ori_deploy.page.glb import Paint, body, painted, rods
 from ori_deploy.page.placing import Mover, Places
 
 _ROD = 2.2e-3
 """Radius of the rods that creases and slits are, in diagonals of the box round the deployed structure."""
 
-LATCH_COLOURS: Mapping[str, Rgb] = {"unknown": (150, 158, 170), "open": (240, 160, 0), "closed": (0, 150, 70)}
+Look = frozenset[str] | None
+"""Panels of a body that are red; None where it is grey."""
+
+UNKNOWN = "unknown"
+LATCH_COLOURS: Mapping[str, Rgb] = {UNKNOWN: (150, 158, 170), "open": (240, 160, 0), "closed": (0, 150, 70)}
 
 
 class Shown:
@@ -43,14 +48,14 @@ class Shown:
         self._frames: list[dict[int, viser.FrameHandle]] = []
         self._segments: list[viser.FrameHandle] = []
         self._rods = _rods(content)
-        self._looks: dict[tuple[int, frozenset[str]], list[viser.GlbHandle]] = {}
+        self._looks: dict[tuple[int, Look], list[viser.GlbHandle]] = {}
         self._panels_of = {
             number: frozenset(panel.id for panel in content.panels if panel.body == number)
             for number in content.bodies
         }
-        self._look = dict.fromkeys(content.bodies, frozenset[str]())
+        self._look: dict[int, Look] = dict.fromkeys(content.bodies, frozenset[str]())
         self._latches: dict[str, list[viser.IcosphereHandle]] = {latch.id: [] for latch in content.latches}
-        self._latch_states: dict[str, str] = {}
+        self._latch_states = dict.fromkeys(self._latches, UNKNOWN)
         server.scene.set_up_direction("+y")
         server.scene.configure_default_lights(enabled=False)
         server.scene.add_light_ambient("/daylight", intensity=3.0)
@@ -71,7 +76,7 @@ class Shown:
                 scene.add_icosphere(
                     f"{root}/b{latch.body}/{latch.id}",
                     radius=0.02 * self._size,
-                    color=LATCH_COLOURS["unknown"],
+                    color=LATCH_COLOURS[UNKNOWN],
                     subdivisions=1,
                     position=latch.place,
                     cast_shadow=False,
@@ -79,18 +84,19 @@ class Shown:
                 )
             )
 
-    def _looks_like(self, number: int, red: frozenset[str]) -> list[viser.GlbHandle]:
-        """A rigid body, some of its panels red, in every segment."""
-        if (number, red) not in self._looks:
+    def _looks_like(self, number: int, look: Look) -> list[viser.GlbHandle]:
+        """A rigid body, some of its panels red or all of them grey, in every segment."""
+        if (number, look) not in self._looks:
             paints = [
-                painted(panel.solid, RED if panel.id in red else panel.colour)
+                painted(panel.solid, GREY if look is None else RED if panel.id in look else panel.colour)
                 for panel in self._content.panels
                 if panel.body == number
             ]
             data = body([*paints, *self._rods.get(number, [])])
-            names = [f"/s{k}/b{number}/{'+'.join(('look', *sorted(red)))}" for k in range(self._content.segments)]
-            self._looks[number, red] = [_add(self._server.scene, name, data) for name in names]
-        return self._looks[number, red]
+            name = "grey" if look is None else "+".join(("look", *sorted(look)))
+            names = [f"/s{k}/b{number}/{name}" for k in range(self._content.segments)]
+            self._looks[number, look] = [_add(self._server.scene, name, data) for name in names]
+        return self._looks[number, look]
 
     # --- again and again --------------------------------------------------------------------------------
 
@@ -108,20 +114,28 @@ class Shown:
 
     def redden(self, panels: frozenset[str]) -> None:
         """Show these panels red, and no others."""
+        self._change({number: panels & of for number, of in self._panels_of.items()})
+
+    def grey(self) -> None:
+        """Show that nobody knows where it is, until it is reddened, or not, again."""
+        self._change(dict.fromkeys(self._panels_of))
+
+    def _change(self, looks: Mapping[int, Look]) -> None:
         with self._server.atomic():
-            for number, before in self._look.items():
-                red = panels & self._panels_of[number]
-                if red == before:
+            for number, look in looks.items():
+                before = self._look[number]
+                if look == before:
                     continue
-                for look, visible in ((before, False), (red, True)):
-                    for handle in self._looks_like(number, look):
+                for one, visible in ((before, False), (look, True)):
+                    for handle in self._looks_like(number, one):
                         handle.visible = visible
-                self._look[number] = red
+                self._look[number] = look
 
     def latch(self, states: Mapping[str, str]) -> None:
-        """Show what is known of the latches: "unknown", "open" or "closed"."""
-        for name, state in states.items():
-            if self._latch_states.get(name) == state or name not in self._latches:
+        """Show what is known of the latches: "open" or "closed"; those that are not told of are "unknown"."""
+        for name, before in self._latch_states.items():
+            state = states.get(name, UNKNOWN)
+            if state == before:
                 continue
             self._latch_states[name] = state
             for ball in self._latches[name]:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ori_deploy.errors import FileError
+from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import Design, digest, load_design, load_plan
 from ori_deploy.files.design_file import DESIGN_SCHEMA
 from ori_deploy.files.plan_file import PLAN_SCHEMA
@@ -48,6 +48,8 @@ def source_of(path: Path, design: Path | None = None) -> Source:
     ------
     FileError
         None of the three, or its design is not found.
+    InputError
+        It is a design itself, and another one is given.
     """
     try:
         with path.open("rb") as file:
@@ -58,6 +60,13 @@ def source_of(path: Path, design: Path | None = None) -> Source:
         run = read_run(path)
         return Source(design_with(str(run.info["design_sha256"]), path, design), run=run)
     schema = _schema(path)
+    if schema == DESIGN_SCHEMA and design is not None:
+        raise InputError(
+            f"--design: {path} is a design itself",
+            value=str(design),
+            limit="names the design of a plan or of a flight log",
+            remedy="leave --design out, or give the plan or the log",
+        )
     if schema == DESIGN_SCHEMA:
         return Source(load_design(path))
     if schema == PLAN_SCHEMA:

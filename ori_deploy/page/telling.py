@@ -22,9 +22,11 @@ WAITING = "waiting for the controller"
 SILENT = "the controller does not answer: it may be moving"
 ENDED = "the controller has ended"
 
+_GOES_ON = "it may be moving. Stop it with Ctrl-C in its own terminal."
+
 _MM = 1e3
 _MISSES = 3
-"""Askings in a row without a reading of a cell: a reply may be lost now and then."""
+"""Askings in a row without a reading of a cell that was read before: a reply may be lost now and then."""
 _GROWN_S = 10.0
 """For so long it is told that replies were lost or cycles late."""
 
@@ -40,7 +42,7 @@ class Seen:
     measured
         Whether that is so of all cells, and now.
     missing
-        Cells without a reading for a while.
+        Cells without a reading for a while, or that were not read since the link came up.
     growing
         What has gone wrong on the way lately, in words.
     """
@@ -63,23 +65,29 @@ class Watch:
     def __init__(self, cell_ids: tuple[str, ...]) -> None:
         self._cell_ids = cell_ids
         self._fold: Reals = np.zeros(len(cell_ids))
+        self._read = np.zeros(len(cell_ids), dtype=bool)  # since the link came up
         self._misses = np.zeros(len(cell_ids), dtype=int)
         self._counts: dict[str, int] = {}
         self._grew_s: dict[str, float] = {}
 
     def note(self, status: Status) -> Seen:
         """What is known with this status."""
-        told = status.folds if len(status.folds) == len(self._cell_ids) else ()
         self._fold = folds_of(status, self._fold)
-        if told:
-            self._misses = np.where([value is None for value in told], self._misses + 1, 0)
-        else:
-            self._misses[:] = 0
-        linked = status.state is not State.DISCONNECTED
-        missing = tuple(
-            cell for cell, misses in zip(self._cell_ids, self._misses, strict=True) if linked and misses >= _MISSES
-        )
-        return Seen(self._fold, linked and bool(told) and not missing, missing, self._growing(status))
+        told = status.state is not State.DISCONNECTED and len(status.folds) == len(self._cell_ids)
+        if not told:
+            self.forget()
+            return Seen(self._fold, measured=False, growing=self._growing(status))
+        there = ~np.isnan(readings(status, len(self._cell_ids)))
+        self._read |= there
+        self._misses = np.where(there, 0, self._misses + 1)
+        lacking = ~self._read | (self._misses >= _MISSES)
+        missing = tuple(cell for cell, lacks in zip(self._cell_ids, lacking, strict=True) if lacks)
+        return Seen(self._fold, not missing, missing, self._growing(status))
+
+    def forget(self) -> None:
+        """Nothing that was read before counts any more: the link or the controller was lost."""
+        self._read[:] = False
+        self._misses[:] = 0
 
     def _growing(self, status: Status) -> tuple[str, ...]:
         counts = {"replies lost": status.lost_replies, "cycles late": status.overruns}
@@ -91,16 +99,19 @@ class Watch:
         return tuple(f"{counts[what]} {what}" for what in recent)
 
 
+def readings(status: Status, n_cells: int) -> Reals:
+    """(n_cells,) measured folds; NaN where there is no reading."""
+    told = status.folds if len(status.folds) == n_cells else (None,) * n_cells
+    fold: Reals = np.array([np.nan if value is None else min(max(value, 0.0), 1.0) for value in told])
+    return fold
+
+
 def folds_of(status: Status, before: Reals) -> Reals:
     """(n_cells,) what is measured; where it is not, what was before, or what is commanded while nothing was told."""
-    told = status.folds if len(status.folds) == len(before) else ()
-    if not told and status.fold is not None:
+    if len(status.folds) != len(before) and status.fold is not None:
         return np.full(len(before), np.clip(status.fold, 0.0, 1.0))
-    fold = before.copy()
-    for k, value in enumerate(told):
-        if value is not None:
-            fold[k] = min(max(value, 0.0), 1.0)
-    return fold
+    now = readings(status, len(before))
+    return np.where(np.isnan(now), before, now)
 
 
 def latch_states(status: Status) -> Mapping[str, str]:
@@ -113,15 +124,14 @@ def latch_states(status: Status) -> Mapping[str, str]:
 
 def lost(wrong: LineLost, was_there: bool) -> dict[str, Any]:
     """What the bar says while nobody answers."""
-    if not wrong.ended:
-        alarm = "The controller does not answer: it may be moving. Stop it with Ctrl-C in its own terminal."
-        return {"link": SILENT, "alarms": [alarm]}
-    if wrong.last is not None:
+    if wrong.ended and wrong.last is not None:
         return _ended(wrong.last)
-    if not was_there:
+    if wrong.ended:
+        return {"link": ENDED, "alarms": ["The controller has ended, and did not say how. See its own terminal."]}
+    if wrong.shut and not was_there:
         return {"link": WAITING, "alarms": []}
-    how = "The controller has ended, or takes no commands any more, and did not say how. See its own terminal."
-    return {"link": ENDED, "alarms": [how]}
+    how = "takes no commands any more" if wrong.shut else "does not answer"
+    return {"link": SILENT, "alarms": [f"The controller {how}: {_GOES_ON}"]}
 
 
 def _ended(last: Answer) -> dict[str, Any]:
@@ -161,7 +171,7 @@ def _facts(status: Status, verdict: Verdict | None, seen: Seen) -> list[str]:
     if seen.measured:
         facts.append(f"out of step {np.ptp(seen.fold):.3f}")
     closed, latches = status.secured
-    if latches:
+    if latches and seen.measured:  # as read last, which nobody knows when that was
         facts.append(f"latches {closed}/{latches}")
     return [*facts, *seen.growing]
 

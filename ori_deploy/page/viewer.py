@@ -11,7 +11,15 @@ from ori_deploy.files import Design
 from ori_deploy.page.content import Content, content_of
 from ori_deploy.page.judging import Judge, Verdict
 from ori_deploy.page.newest import Newest
-from ori_deploy.page.panel import legend_html, put_html, span_html, table_html, verdict_html
+from ori_deploy.page.panel import (
+    legend_html,
+    put_html,
+    span_html,
+    table_html,
+    unjudged_html,
+    unmeasured_html,
+    verdict_html,
+)
 from ori_deploy.page.placing import Mover
 from ori_deploy.page.section import draw, section_of, sized
 from ori_deploy.page.shown import Shown
@@ -40,11 +48,11 @@ class Viewer:
     design
         What.
     on_verdict
-        Called with every judgement, from the thread that judges.
+        Called with every judgement, from the thread that judges; with None where there is none any more.
     """
 
     def __init__(
-        self, server: viser.ViserServer, design: Design, on_verdict: Callable[[Verdict], None] | None = None
+        self, server: viser.ViserServer, design: Design, on_verdict: Callable[[Verdict | None], None] | None = None
     ) -> None:
         self.server, self.design = server, design
         self.content = content_of(design)
@@ -56,7 +64,7 @@ class Viewer:
         self._verdict: viser.GuiHtmlHandle | None = None
         self._section: viser.GuiHtmlHandle | None = None
         self._sized: viser.GuiHtmlHandle | None = None
-        self._judging = Newest(self._judged, _JUDGED_EVERY_S)
+        self._judging: Newest[tuple[Reals, float | None] | None] = Newest(self._judged, _JUDGED_EVERY_S)
         self._look()
 
     def _look(self) -> None:
@@ -87,7 +95,7 @@ class Viewer:
 
     # --- poses ------------------------------------------------------------------------------------------
 
-    def show(self, fold: Reals, span_folded: float | None = None) -> None:
+    def show(self, fold: Reals, span_folded: float | None = None, *, measured: bool = True) -> None:
         """Show a pose; what there is to say about it follows as fast as it can be found out.
 
         Parameters
@@ -96,13 +104,43 @@ class Viewer:
             (n_cells,).
         span_folded
             From 0, straight, to 1; None where nobody knows: it is shown straight, and the page says so.
+        measured
+            Whether it is where this says.
         """
         self.shown.pose(fold, span_folded or 0.0)
-        self._judging.give((np.array(fold), span_folded))
+        if measured:
+            self._judging.give((np.array(fold), span_folded))
+        else:
+            self.lose()
 
-    def _judged(self, pose: tuple[Reals, float | None]) -> None:
-        fold, span_folded = pose
+    def lose(self) -> None:
+        """Nobody knows any more where it is: what is shown stays, in grey, and nothing is said about it."""
+        self._judging.give(None)  # by way of the judging: a verdict that is being made must not come after it
+
+    def _judged(self, pose: tuple[Reals, float | None] | None) -> None:
+        if pose is None:
+            self.shown.grey()
+            self._say_nothing(unmeasured_html())
+            return
+        try:
+            self._say(*pose)
+        except Exception:
+            self._say_nothing(unjudged_html())  # what was said before is of another pose
+            self.shown.redden(frozenset())
+            raise
+
+    def _say_nothing(self, why: str) -> None:
+        """In place of a verdict."""
+        if self._on_verdict is not None:
+            self._on_verdict(None)
+        for handle, content in ((self._verdict, why), (self._section, why), (self._sized, "")):
+            if handle is not None:
+                put_html(handle, content)
+
+    def _say(self, fold: Reals, span_folded: float | None) -> None:
         verdict = self._judge.judge(fold, span_folded or 0.0)
+        if self._on_verdict is not None:
+            self._on_verdict(verdict)
         self.shown.redden(verdict.red)
         if self._verdict is not None:
             cut = self.design.span_segments > 1
@@ -111,8 +149,6 @@ class Viewer:
             section = section_of(self.content, self.mover.panels(fold), self._numbers)
             put_html(self._section, f'<div style="padding:6px 10px">{draw(self.content, section, verdict.red)}</div>')
             put_html(self._sized, table_html(sized(self.content, section)))
-        if self._on_verdict is not None:
-            self._on_verdict(verdict)
 
 
 def dimensions(design: Design) -> list[tuple[str, str]]:

@@ -122,6 +122,46 @@ def test_an_order_that_was_given_on_old_news_is_not_passed_on() -> None:
     on(test)
 
 
+def test_a_pause_may_come_late() -> None:
+    """Reproduced: a tunnel hung for three seconds, and the Pause that came out of it was refused as too late."""
+
+    async def test(page: Page) -> None:
+        tab = await page.tab("a")
+        await heard(tab, "control")
+        await control(tab, "claim")
+        await page.tell(state="moving")
+        number = (await heard(tab, "now"))["number"]
+        page.now += 2.0 * FRESH_S
+        await page.tell(state="moving")
+        for seen in (number, number + 100, 0):
+            assert (await ask(tab, "pause", seen=seen))["took"]
+        for do in ("resume", "stow", "arm", "clear_fault"):
+            assert (await ask(tab, do, seen=number))["code"] == "too_late"
+        assert [one.do for one in page.lines.orders] == [Do.PAUSE] * 3
+
+    on(test)
+
+
+def test_a_stop_is_not_given_up_while_there_is_a_controller() -> None:
+    """Reproduced: its socket had failed, it moved on, and STOP was answered with a no that ended the asking."""
+
+    async def test(page: Page) -> None:
+        tab = await page.tab("a")
+        await heard(tab, "control")
+        await control(tab, "claim")
+        page.lines.lost = LineLost("refused", shut=True)
+        await page.tell(state="moving")
+        number = (await heard(tab, "now"))["number"]
+        stop, order = await ask(tab, "stop", id=5), await ask(tab, "deploy", seen=number)
+        assert (stop["took"], stop["id"], order["took"]) == (None, 5, False)
+        for answer in (stop, order):
+            assert "takes no commands any more" in answer["why"]
+            assert "Ctrl-C" in answer["why"]
+            assert "ended" not in answer["why"]
+
+    on(test)
+
+
 def test_a_silence_is_unknown_and_only_an_end_is_no() -> None:
     """Reproduced: "not taken", and the structure moved two seconds later."""
 

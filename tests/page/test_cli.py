@@ -20,6 +20,7 @@ from ori_deploy.cli import main, viewing
 from ori_deploy.errors import InputError
 from ori_deploy.page.door import Door
 from ori_deploy.page.listening import PORT, listening
+from ori_deploy.page.sources import source_of
 from tests.page.browser import Command, page_process
 from tests.page.conftest import RIG
 
@@ -77,6 +78,20 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path) -> None:
     refused = CliRunner().invoke(main, words("view", tmp_path / "x.json"))
     assert refused.exit_code == 2
     assert "nothing to show" in refused.stderr
+
+
+def test_a_design_beside_another_design_is_refused(made: Path) -> None:
+    """Reproduced: `view A --design B` showed A and said nothing."""
+    shown, other = made / "wing.design.json", made / "cone.design.json"
+    with pytest.raises(InputError):
+        source_of(shown, other)
+    line = words("view", shown, "--design", other, "--port", 0)
+    refused = CliRunner().invoke(main, line)
+    assert refused.exit_code == 2
+    assert "error: --design: " in refused.stderr
+    assert "cone.design.json" in refused.stderr
+    assert "plan" in refused.stderr
+    assert "leave --design out" in refused.stderr
 
 
 def test_a_port_that_is_named_and_in_use_is_refused_in_the_words_of_the_command(made: Path) -> None:

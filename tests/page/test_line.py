@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import socket
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from ori_deploy.deploy.states import State
-from ori_deploy.operate.messages import Do, Request
+from ori_deploy.operate.messages import Answer, Do, Request
+from ori_deploy.page.channel import STOP, unanswered
 from ori_deploy.page.line import Line, LineLost, Lines
+from ori_deploy.page.process import Process
 from tests.operate.served import Served, served
 
 pytestmark = pytest.mark.usefixtures("runtime_folder")
@@ -67,7 +73,7 @@ def test_lines_ask_order_and_stop_and_survive_being_dropped() -> None:
         lines.close()
     with pytest.raises(LineLost) as lost:
         lines.status()
-    assert lost.value.ended
+    assert lost.value.shut
 
 
 def test_silence_is_no_end_and_is_waited_for_once(silent: tuple[Path, socket.socket]) -> None:
@@ -101,13 +107,83 @@ def test_a_controller_that_hangs_is_not_crowded_with_connections(silent: tuple[P
     line.close()
 
 
-def test_where_nobody_is_there_it_has_ended(tmp_path: Path, silent: tuple[Path, socket.socket]) -> None:
+def test_where_nobody_listens_it_has_ended_only_if_its_process_is_gone(
+    tmp_path: Path, silent: tuple[Path, socket.socket]
+) -> None:
     path, listener = silent
     listener.close()
-    for gone in (path, tmp_path / "never"):
-        with pytest.raises(LineLost) as lost:
-            Line(gone).ask(Request(Do.STATUS))
-        assert lost.value.ended
+    here = Process.of(os.getpid())
+    later = Process(os.getpid(), (here.began or 0) - 1)  # its number was given to another one
+    for place in (path, tmp_path / "never"):
+        for process, ended in ((None, False), (here, False), (later, True), (Process(os.getpid(), None), True)):
+            with pytest.raises(LineLost) as lost:
+                Lines(place, process).status()
+            assert (lost.value.ended, lost.value.shut) == (ended, True)
+
+
+def test_a_process_is_gone_when_it_has_ended_whether_or_not_somebody_asked_how() -> None:
+    started = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    process = Process.of(started.pid)
+    assert not process.gone
+    started.kill()
+    os.waitid(os.P_PID, started.pid, os.WEXITED | os.WNOWAIT)
+    assert process.gone
+    started.communicate()
+    assert process.gone
+    assert Process.of(started.pid).gone
+
+
+@pytest.mark.parametrize("how", ["its socket failed", "its folder was removed"])
+def test_a_controller_that_takes_no_commands_any_more_is_not_said_to_have_ended(
+    how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reproduced: STOP was answered "there is no controller any more: it has ended", and the motion went on."""
+    with served() as one:
+        lines = Lines(one.socket.path, Process.of(os.getpid()))
+        with stepping(one):
+            lines.status()
+            lines.keep_stop_open()
+            one.bench.controller.deploy()
+            if how == "its socket failed":
+                monkeypatch.setattr(one.desk, "status", lambda: 1 / 0)
+                with pytest.raises(LineLost) as silent:
+                    lines.status()
+                assert not silent.value.ended
+                stop = unanswered(STOP, _lost(lines.stop))
+                assert (stop.took, stop.code) == (None, None)
+                assert "press Ctrl-C" in str(stop.why)
+                assert unanswered(STOP, _lost(lambda: lines.stop(again=True))).took is None
+            else:
+                shutil.rmtree(one.socket.path.parent)
+                assert lines.status().state is not None
+            order = unanswered("pause", _lost(lambda: lines.order(Request(Do.PAUSE))))
+            assert order.took is False
+            assert "takes no commands any more" in str(order.why)
+            assert "ended" not in str(order.why)
+            assert one.bench.controller.under_way
+            if how == "its folder was removed":
+                assert lines.stop().took  # over the line that was kept
+        lines.close()
+
+
+def _lost(ask: Callable[[], Answer]) -> LineLost:
+    with pytest.raises(LineLost) as lost:
+        ask()
+    return lost.value
+
+
+def test_what_one_line_has_heard_of_the_end_all_know() -> None:
+    """The process lives on where a page is looked at, and an order has a line of its own."""
+    with served() as one:
+        lines = Lines(one.socket.path, Process.of(os.getpid()))
+        with stepping(one):
+            lines.status()
+        one.socket.close()
+        assert _lost(lines.status).last is not None
+        lost = _lost(lambda: lines.order(Request(Do.DEPLOY)))
+        assert lost.ended
+        assert lost.last is not None
+        lines.close()
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_another_one_s() -> None:

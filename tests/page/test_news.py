@@ -95,6 +95,39 @@ def test_a_reading_that_is_missing_for_a_while_is_an_alarm_and_no_place() -> Non
     assert watch.note(STATUS).missing == ()
 
 
+@pytest.mark.parametrize("before", ["nothing", "a lost link", "a new link", "a silence"])
+def test_what_was_not_read_since_the_link_came_up_is_not_measured(before: str) -> None:
+    """Reproduced: "measured 0.0 to 0.0 % open · at rest" of cells that were never read, and after a lost link 100."""
+    watch, plan = Watch(("c1", "c2")), synthetic_plan()
+    if before != "nothing":
+        assert watch.note(replace(STATUS, folds=(1.0, 1.0))).measured
+    if before == "a lost link":
+        watch.note(replace(STATUS, state=State.DISCONNECTED, folds=(), fold=None))
+    if before == "a new link":
+        watch.note(replace(STATUS, state=State.READY, folds=(), fold=None))
+    if before == "a silence":
+        watch.forget()
+    for folds, missing in (((None, None), "c1, c2"), ((1.0, None), "c2")):
+        status = replace(
+            STATUS, state=State.READY, at_rest=True, fold=None, folds=folds, stage=None, remaining_s=None
+        )
+        told = news(Answer(True, State.READY, at_rest=True), status, FINE, plan, watch.note(status))
+        assert told["alarms"] == [f"No reading from {missing}"]  # and not that they are out of step
+        assert told["facts"] == []
+        assert told["fold"] is None
+        assert not told["at_rest"]
+    assert watch.note(STATUS).measured
+    assert watch.note(replace(STATUS, folds=(0.5, None))).measured  # now one that is lost is one that was there
+
+
+def test_latches_are_not_counted_from_readings_that_are_lost() -> None:
+    """Reproduced: "latches 1/1" beside "No reading from c1, c2"."""
+    watch = Watch(("c1", "c2"))
+    status = replace(STATUS, folds=(None, None), latches=(LatchStatus("pin", True, True, "slit:P-T2"),))
+    told = news(Answer(True, State.FAULT), status, FINE, synthetic_plan(), watch.note(status))
+    assert told["facts"] == ["commanded 50.0 %", "2.0 s left"]
+
+
 def test_without_a_link_there_are_no_facts() -> None:
     watch, plan = Watch(("c1", "c2")), synthetic_plan()
     watch.note(STATUS)
@@ -121,7 +154,12 @@ def test_silence_is_told_apart_from_an_end_and_both_from_nobody_yet() -> None:
     silent = lost(LineLost("no answer"), was_there=True)
     assert silent["link"] == SILENT
     assert "may be moving" in silent["alarms"][0]
-    assert lost(LineLost("gone", ended=True), was_there=False) == {"link": WAITING, "alarms": []}
+    assert lost(LineLost("no answer"), was_there=False)["link"] == SILENT
+    assert lost(LineLost("nobody", shut=True), was_there=False) == {"link": WAITING, "alarms": []}
+    deaf = lost(LineLost("nobody", shut=True), was_there=True)
+    assert deaf["link"] == SILENT
+    assert "takes no commands any more: it may be moving" in deaf["alarms"][0]
+    assert lost(LineLost("gone", ended=True, shut=True), was_there=False)["link"] == ENDED
     gone = lost(LineLost("gone", ended=True), was_there=True)
     assert gone["link"] == ENDED
     assert "did not say how" in gone["alarms"][0]

@@ -63,6 +63,16 @@ def state_of(served: Command) -> str:
     return str(answer.state)
 
 
+def hang(pid: int) -> None:
+    """Stop a process, and wait until all of its threads are: on a busy machine one may still hear what is sent."""
+    os.kill(pid, signal.SIGSTOP)
+    deadline = time.monotonic() + 10.0
+    threads = Path(f"/proc/{pid}/task")
+    while any(one.read_text().rpartition(")")[2].split()[0] != "T" for one in threads.glob("*/stat")):
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
 @pytest.mark.parametrize(("do", "why", "then"), [("deploy", "not known", "armed"), ("stop", "Ctrl-C", "fault")])
 def test_what_was_ordered_while_the_controller_hung_is_not_begun_when_all_have_left_but_a_stop_is(
     do: str, why: str, then: str, made: Path, tmp_path: Path
@@ -103,13 +113,24 @@ def test_what_was_ordered_of_a_page_that_hung_is_not_passed_on(made: Path, tmp_p
         assert one.answer()["took"]
         one.until(state="armed")
         page = page_process(served)
-        os.kill(page, signal.SIGSTOP)
+        hang(page)
         one.send("deploy")
         time.sleep(FRESH_S + 1.0)
         os.kill(page, signal.SIGCONT)
         answer = one.answer()
         assert (answer["took"], answer["code"]) == (False, "too_late")
         assert state_of(served) == "armed"
+
+
+def test_a_controller_that_was_killed_has_ended(made: Path, tmp_path: Path) -> None:
+    words = ("serve", made / "wing.plan.json", "--rig", RIG, "--view", "--view-port", 0)
+    with Command(*words, cwd=tmp_path) as served, tab(served) as one:
+        one.until(state="ready")
+        os.kill(served.process.pid, signal.SIGKILL)
+        assert "did not say how" in one.until(link="has ended")["alarms"][0]
+        one.send("stop", id=3)
+        answer = one.answer()
+        assert (answer["took"], answer["id"]) == (False, 3)
 
 
 def test_a_deployment_that_succeeds_says_so_at_its_end(made: Path, tmp_path: Path) -> None:
