@@ -83,7 +83,10 @@ class Structure:
 
     @cached_property
     def panel_areas(self) -> Reals:
-        """(n_panels,) exact areas, square metres: straight sides by corners, outline pieces by quadrature."""
+        """(n_panels,) exact areas, square metres: straight sides by corners, outline pieces by quadrature.
+
+        0 where there is none but rounding.
+        """
         q, inner = self._panel_corners
         m, v = inner.T
         is_before = np.arange(len(q)) % 2 == 0
@@ -91,7 +94,10 @@ class Structure:
         piece = np.where(is_before[:, None], self.outline_pieces, self.outline_pieces[:, ::-1])
         far, c = self.profile.point(piece).T
         swept_far, swept_c = self.profile.swept_area(piece).T
-        return areas_of_panels(c, m, v, q, far, swept_c - swept_far)
+        area = areas_of_panels(c, m, v, q, far, swept_c - swept_far)
+        # Swept from the origin: what is rounded grows with the distance from there.
+        rounding = TOLERANCE.root * self.profile.size * float(np.abs(self.profile.table_f).max())
+        return np.where(np.abs(area) <= rounding, 0.0, area)
 
     @cached_property
     def cell_areas(self) -> Reals:

@@ -24,6 +24,12 @@ from ori_deploy.profiles.profile import Reals
 LEAST_KG = 1e-9
 """Of a panel without material: simulators refuse bodies that weigh nothing."""
 
+LEAST_KG_M2 = 2e-14
+"""Least moment of inertia of a body, whatever its size: MuJoCo refuses any below 1e-14."""
+
+_PLATE = 1e-13
+"""Moment added, over the largest: two of a thin plate's are the third to rounding, and must not fall short of it."""
+
 RANGE_SLACK_RAD = 1e-3
 """By how much a joint may go beyond closed and beyond open flat, so that limits do not push at both ends."""
 
@@ -148,11 +154,13 @@ class Bodies:
         return np.asarray(self.skeleton.solids.centroid[panel])
 
     def inertia(self, panel: int) -> Reals:
-        """(3, 3) about the centroid, kg m^2."""
+        """(3, 3) about the centroid, kg m^2; of light bodies raised to what simulators take."""
         drawn = self.skeleton.solids  # as polygons: all but the panel's volume
-        share = self.volume_m3[panel] / drawn.volume[panel] if drawn.volume[panel] > 0.0 else 0.0
-        least = LEAST_KG * (0.01 * self.design.span_m) ** 2
-        return np.asarray(self.density_kg_m3 * share * drawn.inertia(panel) + least * np.eye(3))
+        share = float(self.volume_m3[panel] / drawn.volume[panel]) if drawn.volume[panel] > 0.0 else 0.0
+        inertia = self.density_kg_m3 * share * drawn.inertia(panel)
+        moments = np.linalg.eigvalsh(inertia)
+        least = max(LEAST_KG * (0.01 * self.design.span_m) ** 2, LEAST_KG_M2)
+        return np.asarray(inertia + max(least - moments[0], _PLATE * moments[-1]) * np.eye(3))
 
 
 def plain_meshes(design: Design) -> tuple[Mesh | None, ...]:

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 import ori_deploy
 from ori_deploy.design import ConeStructure
 from ori_deploy.errors import InputError
-from ori_deploy.export.skeleton import BEFORE_CREASE, Skeleton, body_numbers
+from ori_deploy.export.skeleton import Skeleton, body_numbers
 from ori_deploy.files import Design, write_atomically
 from ori_deploy.layout import Layout
-from ori_deploy.motion import NEXT_CREASE
+from ori_deploy.motion import BEFORE_CREASE, NEXT_CREASE
 from ori_deploy.profiles.profile import Reals
 
 FRAMES = 21

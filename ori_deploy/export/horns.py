@@ -26,7 +26,7 @@ from ori_deploy.profiles.profile import Reals
 from ori_deploy.profiles.sphere import Vectors
 
 _SCAN = 72
-"""Directions round the crease in which screws are tried."""
+"""Directions round the crease in which a horn's first screw is tried."""
 _TURNS = 36
 """Directions in which a servo's body is tried."""
 _RIM = 8
@@ -209,15 +209,17 @@ def _recesses(
 
 def _screws(piece: Workpiece, floor: Vectors, horn: _Horn, spec: HornSpec) -> Reals:
     """(n, 2) places of screws on the panel: the horn turned so that most of them hit it."""
-    angle = 2.0 * np.pi * np.arange(_SCAN) / _SCAN
+    # So fine a circle that every screw lies on it exactly, whichever direction the first one has.
+    fine = int(np.lcm(_SCAN, spec.screws))
+    angle = 2.0 * np.pi * np.arange(fine) / fine
     centre = 0.5e-3 * spec.screw_circle_mm * np.column_stack([np.cos(angle), np.sin(angle)])
     fits = _fits(piece, floor, horn, centre, 0.5e-3 * spec.screw_diameter_mm, 1e-3 * spec.depth_mm)
-    steps = np.round(np.arange(spec.screws) * _SCAN / spec.screws).astype(int)
-    together = np.array([fits[(first + steps) % _SCAN].sum() for first in range(_SCAN)])
+    first, steps = np.arange(_SCAN) * (fine // _SCAN), np.arange(spec.screws) * (fine // spec.screws)
+    together = fits[(first[:, None] + steps) % fine].sum(axis=1)
     # Of several directions that are as good, the middle of the first run: furthest from the panel's faces.
     best = np.flatnonzero(together == together.max())
     run = best[: int(np.argmax(np.append(np.diff(best), 2) > 1)) + 1]
-    chosen = (run[len(run) // 2] + steps) % _SCAN
+    chosen = (first[run[len(run) // 2]] + steps) % fine
     return np.asarray(centre[chosen[fits[chosen]]])
 
 

@@ -17,11 +17,8 @@ from ori_deploy.design import Structure
 from ori_deploy.files import Design
 from ori_deploy.layout import Layout
 from ori_deploy.loads import Solids, in_space
-from ori_deploy.motion import CREASES, NEXT_CREASE, Linkage, mechanism_of
+from ori_deploy.motion import BEFORE_CREASE, CREASES, NEXT_CREASE, Linkage, mechanism_of
 from ori_deploy.profiles.profile import Reals
-
-BEFORE_CREASE = tuple(NEXT_CREASE[k - 1] for k in range(4))
-"""Crease (order of `CREASES`) on which a cell's panel k begins, counter-clockwise; it ends on `NEXT_CREASE[k]`."""
 
 
 @dataclass(frozen=True)

@@ -6,19 +6,22 @@ y, and its span runs from z = 0 upwards; a cone's are the user's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ori_deploy.design import Structure
 from ori_deploy.design.cone import ConeStructure
-from ori_deploy.motion.mechanism import AnyStructure
+from ori_deploy.motion.mechanism import BEFORE_CREASE, NEXT_CREASE, AnyStructure
 from ori_deploy.profiles.profile import Points, Reals
 from ori_deploy.profiles.sphere import Vectors
 
 FINE = 1e-5
 """Sagitta of the outlines that are integrated over, relative to the profile's size: areas to 1e-4 and better."""
+
+_THIN = 1e-9
+"""Volume of a panel, over the largest, below which its centroid and inertia are but rounding."""
 
 SKIN_PIECES = 12
 """Patches of skin along each panel's piece of outline."""
@@ -86,9 +89,24 @@ class Solids:
         r_min_m
             Radius at which a cone begins.
         """
-        if isinstance(structure, ConeStructure):
-            return _cone(structure, r_min_m, r_min_m + span_m)
-        return _cylinder(structure, span_m)
+        # A panel without area has no centroid of its own.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if isinstance(structure, ConeStructure):
+                made = _cone(structure, r_min_m, r_min_m + span_m)
+            else:
+                made = _cylinder(structure, span_m)
+        return made._without_rounding()
+
+    def _without_rounding(self) -> Solids:
+        """Panels so thin that their moments are but rounding as what they are: a line between their two creases."""
+        thick = self.volume > _THIN * self.volume.max()
+        between = self.crease_point[:, [BEFORE_CREASE, NEXT_CREASE]].mean(axis=1).reshape(-1, 3)
+        return replace(
+            self,
+            volume=np.where(thick, self.volume, 0.0),
+            centroid=np.where(thick[:, None], self.centroid, between),
+            spread=np.where(thick[:, None, None], self.spread, 0.0),
+        )
 
     def inertia(self, panel: int) -> Reals:
         """(3, 3) inertia of a panel about its centroid at density 1."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ori_deploy.motion.cone_mechanism import ConeMechanism
 from ori_deploy.motion.fourbar import FourBars
 from ori_deploy.motion.interference import Collision, Interference
-from ori_deploy.motion.mechanism import NEXT_CREASE, Linkage, Mechanism
+from ori_deploy.motion.mechanism import BEFORE_CREASE, NEXT_CREASE, Linkage, Mechanism
 from ori_deploy.motion.mechanism_of import mechanism_of
 from ori_deploy.motion.plan import CREASES, MotionCheck, Plan, SpanStage
 from ori_deploy.motion.planner import plan_motion
@@ -16,6 +16,7 @@ from ori_deploy.motion.spherical_fourbar import SphericalFourBars
 from ori_deploy.motion.step_tolerance import StepTolerance, step_tolerance
 
 __all__ = [
+    "BEFORE_CREASE",
     "CREASES",
     "NEXT_CREASE",
     "Collision",

@@ -26,6 +26,9 @@ AnyStructure = Structure | ConeStructure
 NEXT_CREASE = (0, 3, 1, 2)
 """Crease (order of CREASES) between a cell's panel k and k + 1: c, b, d, a."""
 
+BEFORE_CREASE = tuple(NEXT_CREASE[k - 1] for k in range(4))
+"""Crease on which a cell's panel k begins, counter-clockwise; it ends on `NEXT_CREASE[k]`."""
+
 
 class Linkage(ABC, Generic[PosesT]):
     """What moves, whatever surface its panels move on. Lengths in metres; on a cone at its outer radius.

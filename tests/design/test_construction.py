@@ -74,6 +74,7 @@ def test_cells_tile_the_profile(name: str) -> None:
     s = structure(name)
     assert s.cell_areas.sum() == pytest.approx(s.profile.area, rel=1e-12)
     assert (s.cell_areas > 0.0).all()
+    assert (s.panel_areas >= 0.0).all()
 
 
 @everything

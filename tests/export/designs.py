@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ori_deploy.files import Design, build_from_file
 from tests import cones, shapes
+from tests.design.turned import Kind, flat_sided
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -31,6 +32,9 @@ def design(name: str) -> Design:
         return Design(
             name, cut.span_m, structure, span_segments=cut.span_segments, r_min_m=cut.r_min_m, strip=spec.strip
         )
+    if name.startswith("flat-sided "):  # half of its panels are flat: a wall of 0 leaves them no area
+        kind: Kind = "cone" if name.endswith("cone") else "cylinder"
+        return Design(name, 0.3, flat_sided(kind, 4, 0.3, 0.2, 0.0), r_min_m=0.1 if kind == "cone" else 0.0)
     if name == "wing":
         return Design(name, 1.26, shapes.wing(0.005, chord=0.25))
     if name == "cone tip":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 
 from ori_deploy.export.bodies import Bodies, Drive, plain_meshes
 from ori_deploy.export.skeleton import Skeleton
+from ori_deploy.export.urdf import UrdfModel, mesh_folder, urdf_model
 from tests.export.designs import design
 
 NAMES = ("wing", "two inner vertices", "one cell", "cone elliptic", "cone tip", "tapered", "helix", "spiral")
@@ -53,3 +55,14 @@ def own_poses(made: Bodies, fold: Any) -> Any:
     """(n_panels, 4, 4) by the mechanism."""
     skeleton: Skeleton = made.skeleton
     return skeleton.poses(np.broadcast_to(fold, (1, skeleton.layout.n_cells)))[0]
+
+
+def written(made: Bodies, folder: Path) -> tuple[Path, UrdfModel]:
+    """A URDF file with its meshes beside it, and what it holds."""
+    path = folder / "wing.urdf"
+    model = urdf_model(made, mesh_folder(path))
+    (folder / mesh_folder(path)).mkdir()
+    for name, content in model.meshes.items():
+        (folder / name).write_bytes(content)
+    path.write_text(model.xml)
+    return path, model

@@ -11,6 +11,8 @@ import manifold3d
 import numpy as np
 import pytest
 import shapely
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from ori_deploy.errors import InputError
@@ -184,6 +186,29 @@ def test_horns_sit_about_the_driven_crease_at_the_end_of_the_span() -> None:
             assert abs(away) == pytest.approx(0.5e-3 * spec.screw_circle_mm, rel=1e-9)
             assert screw.at[2] == pytest.approx(1e-3 * (spec.thickness_mm + spec.clearance_mm), rel=1e-9)
             assert screw.volume_m3 == pytest.approx(np.pi * 0.8e-3**2 * 6e-3, rel=1e-6)
+
+
+@settings(deadline=None, max_examples=8)
+@example(screws=7)
+@example(screws=16)
+@given(screws=st.integers(1, 24))
+def test_screws_are_where_the_horns_holes_are(screws: int) -> None:
+    """Whichever are drilled stand whole steps of the horn's circle apart: read from a section of the solid."""
+    horn = {"screws": screws, "hub_diameter_mm": 100.0, "screw_circle_mm": 90.0, "depth_mm": 2.0}
+    d = design("one cell")
+    made = build_parts(d, PartsSpec.model_validate({"horn": horn}), driven={"c1": "close_a"})
+    part = next(part for part in made.parts if part.id == "c1.ac")
+    z = 1e-3 * (made.spec.horn.thickness_mm + made.spec.horn.clearance_mm + 1.0)
+    rings = [shapely.Polygon(ring[:, :2]) for ring in part.mesh().section([0.0, 0.0, 1.0], [0.0, 0.0, z]).discrete]
+    hole = 0.25 * np.pi * (1e-3 * made.spec.horn.screw_diameter_mm) ** 2
+    centres = [ring.centroid for ring in rings if 0.9 * hole < ring.area < 1.1 * hole]
+    assert len(centres) == sum(pocket.kind == "screw" for pocket in part.pockets)
+    assert len(centres) >= max(1, screws // 3)
+    away = np.array([complex(centre.x, centre.y) for centre in centres]) - d.structure.cells.crease[0, 2]
+    np.testing.assert_allclose(np.abs(away), 45e-3, rtol=1e-6)
+    steps = np.angle(away / away[0]) * screws / (2.0 * np.pi)
+    np.testing.assert_allclose(steps, np.round(steps), rtol=0.0, atol=1e-5)
+    assert len({int(step) % screws for step in np.round(steps)}) == len(centres)
 
 
 @pytest.mark.slow

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +13,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from ori_deploy.export.bodies import Bodies
+from ori_deploy.export.bodies import LEAST_KG, LEAST_KG_M2, Bodies, Drive, plain_meshes
 from ori_deploy.export.mjcf import mjcf_text, write_mjcf
 from ori_deploy.export.tree import tree_of
+from ori_deploy.files import Design
 from ori_deploy.motion import CREASES
+from tests.cones import cone as shared_cone
 from tests.export.designs import design
-from tests.export.models import FOLDS, NAMES, Posed, bodies, own_poses
+from tests.export.models import FOLDS, NAMES, Posed, bodies, own_poses, written
+from tests.shapes import wing
 
 
 def loaded(made: Bodies) -> Posed:
@@ -87,6 +93,64 @@ def test_inertias_are_those_of_the_meshes(name: str) -> None:
         assert body.mass[0] == pytest.approx(mesh.mass, rel=1e-3)
         assert np.linalg.norm(body.ipos - mesh.center_mass) < 1e-3 * mesh.scale, link
         assert np.abs(tensor - mesh.moment_inertia).max() < 3e-3 * body.inertia.max(), link
+
+
+SIZES = (0.003, 0.05, 1.0, 30.0)
+
+
+@pytest.mark.parametrize("kg_m3", [0.0, 300.0])
+@pytest.mark.parametrize("kind", ["cylinder", "cone"])
+def test_models_of_every_size_and_density_are_read(kind: str, kg_m3: float, tmp_path: Path) -> None:
+    """Sections and spans of millimetres and of tens of metres; nothing weighs less than MuJoCo takes."""
+    cone = shared_cone("elliptic 6")
+    for k, (size, span) in enumerate(product(SIZES, SIZES)):
+        if kind == "cylinder":
+            d = Design("sized", span, wing(0.005, chord=size))
+        else:
+            d = Design("sized", span, cone, r_min_m=size)
+        drives = tuple(Drive(f"servo_{c + 1}", 0, 5.0, 2.0) for c in range(d.structure.layout.n_cells))
+        made = Bodies(d, plain_meshes(d), kg_m3, drives)
+        (tmp_path / f"{k}").mkdir()
+        path, _ = written(made, tmp_path / f"{k}")
+        for model in (loaded(made).model, mujoco.MjModel.from_xml_path(str(path))):
+            assert (model.body_mass[-d.structure.layout.n_panels :] >= LEAST_KG * (1.0 - 1e-12)).all()
+            assert (model.body_inertia[-d.structure.layout.n_panels :] >= LEAST_KG_M2 * (1.0 - 1e-3)).all()
+
+
+def test_only_light_bodies_get_more_inertia_than_they_have() -> None:
+    made = bodies("wing")
+    for panel in range(made.skeleton.layout.n_panels):
+        own = made.density_kg_m3 * made.skeleton.solids.inertia(panel)
+        assert np.abs(made.inertia(panel) - own).max() < 1e-3 * own.max(), "but for how it is drawn"
+        light = replace(made, density_kg_m3=0.0).inertia(panel)
+        np.testing.assert_array_equal(light, light[0, 0] * np.eye(3))
+        assert 0.0 < light[0, 0] < 1e-4 * own.max()
+
+
+@pytest.mark.parametrize("name", ["flat-sided cylinder", "flat-sided cone"])
+def test_panels_without_area_are_bodies_between_their_creases(name: str, tmp_path: Path) -> None:
+    made = bodies(name)
+    flat = np.flatnonzero(made.volume_m3 == 0.0)
+    assert len(flat) == 8
+    path, model = written(made, tmp_path)
+    for text in (mjcf_text(made), model.xml):
+        assert not re.search(r"\b(nan|inf)\b", text, re.IGNORECASE)
+    posed = loaded(made)
+    mujoco.MjModel.from_xml_path(str(path))
+    ends = made.skeleton.crease_ends.reshape(-1, 3)
+    for panel in range(made.skeleton.layout.n_panels):
+        middle = made.centroid(panel)
+        assert np.isfinite(middle).all()
+        if panel in flat:
+            assert made.meshes[panel] is None
+            assert made.mass_kg(panel) == LEAST_KG
+            cell = made.skeleton.crease_ends[panel // 4].mean(axis=1)
+            near = np.sort(np.linalg.norm(cell - middle, axis=1))
+            assert near[0] == pytest.approx(near[1], rel=1e-9), "as far from one crease as from the other"
+        assert (middle >= ends.min(axis=0) - 0.2).all()
+        assert (middle <= ends.max(axis=0) + 0.2).all()
+    posed.put(0.5)
+    np.testing.assert_allclose(posed.frames(), own_poses(made, 0.5), atol=1e-9)
 
 
 def folds_of(posed: Posed) -> Any:

@@ -11,20 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from ori_deploy.export.bodies import Bodies
-from ori_deploy.export.urdf import BASE, UrdfModel, mesh_folder, urdf_model
+from ori_deploy.export.urdf import BASE
 from ori_deploy.motion import CREASES
-from tests.export.models import FOLDS, NAMES, Posed, bodies, own_poses
-
-
-def written(made: Bodies, folder: Path) -> tuple[Path, UrdfModel]:
-    path = folder / "wing.urdf"
-    model = urdf_model(made, mesh_folder(path))
-    (folder / mesh_folder(path)).mkdir()
-    for name, content in model.meshes.items():
-        (folder / name).write_bytes(content)
-    path.write_text(model.xml)
-    return path, model
+from tests.export.models import FOLDS, NAMES, Posed, bodies, own_poses, written
 
 
 def numbers(given: str) -> Any:

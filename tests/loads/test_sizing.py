@@ -15,6 +15,7 @@ from ori_deploy.loads import Air, Film, Loads, Magnets, Solids, Twists, clamp_of
 from ori_deploy.motion import ConeMechanism, Mechanism, mechanism_of
 from ori_deploy.motion.mechanism import Linkage
 from tests import cones, shapes
+from tests.design.turned import Kind, flat_sided
 
 CLOSE_A = 2
 LOADS = Loads(gravity_m_s2=(1.0, -9.0, 2.0))
@@ -29,6 +30,14 @@ def cases() -> dict[str, tuple[Linkage[Any], Solids]]:
     for name in ("elliptic 6", "wing, apex below", "tapered wing"):
         cone = cones.cone(name)
         made[name] = mechanism_of(cone, 1.5), Solids.of(cone, 1.0, 0.5)
+    kinds: tuple[Kind, ...] = ("cylinder", "cone")
+    for kind in kinds:  # some of whose panels have no area
+        flat = flat_sided(kind, 4, 0.3, 0.2, 0.0)
+        assert (flat.panel_areas == 0.0).any()
+        made[f"flat-sided {kind}"] = (
+            mechanism_of(flat, 1.5),
+            Solids.of(flat, 1.26 if kind == "cylinder" else 1.0, 0.5),
+        )
     return made
 
 
@@ -98,7 +107,7 @@ def test_a_solids_inertia_is_one_that_a_body_can_have(name: str) -> None:
     _, solids = cases()[name]
     for panel in range(len(solids.volume)):
         a, b, c = np.linalg.eigvalsh(solids.inertia(panel))
-        assert a > 0.0
+        assert (a > 0.0) == (solids.volume[panel] > 0.0)
         assert c <= a + b + 1e-9 * c
 
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ori_deploy.design.cone.cells import ConeCells, build_cells
-from ori_deploy.design.cone.creases import ConeCorners, ConeCreases, corners_of, opening_creases
+from ori_deploy.design.cone.creases import ConeCorners, ConeCreases, corners_of, negligible, opening_creases
 from ori_deploy.design.cone.embedding import ConeEmbedding
 from ori_deploy.errors import CellError
 from ori_deploy.layout import Layout
@@ -86,13 +86,18 @@ class ConeStructure:
 
     @cached_property
     def panel_areas(self) -> Reals:
-        """(n_panels,) exact solid angles, steradians: spherical excess, and quadrature along the outline."""
+        """(n_panels,) exact solid angles, steradians: spherical excess, and quadrature along the outline.
+
+        0 where there is none but rounding.
+        """
         q, m, v = self._panel_corners
         is_before = np.arange(len(q)) % 2 == 0
         # The piece of outline runs between the opening crease and what is called far here.
         piece = np.where(is_before[:, None], self.outline_pieces, self.outline_pieces[:, ::-1])
         ends, swept = self.profile.point(piece), self.profile.swept(piece)
-        return areas_of_panels(ends[:, 1], m, v, q, ends[:, 0], swept[:, 1] - swept[:, 0])
+        area = areas_of_panels(ends[:, 1], m, v, q, ends[:, 0], swept[:, 1] - swept[:, 0])
+        # Swept from the axis, by unit vectors: what is rounded does not shrink with the square of the cone's size.
+        return np.where(np.abs(area) <= negligible(self.profile), 0.0, area)
 
     @cached_property
     def cell_areas(self) -> Reals:
