@@ -88,6 +88,11 @@ class ResolvedRig:
         return tuple(latch.id for latch in self.latches + self.stow_locks)
 
     @property
+    def delay_s(self) -> float:
+        """How long after its command a goal is due: a microcontroller has goals queued."""
+        return self.mcu.settings.lead_s if self.mcu is not None and self.mcu.hinges else 0.0
+
+    @property
     def crease_index(self) -> NDArray[np.intp]:
         """(n_hinges,) which of the four creases of its cell each hinge drives."""
         return np.array([CREASE_ORDER.index(hinge.crease) for hinge in self.hinges], dtype=np.intp)

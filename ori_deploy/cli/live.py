@@ -12,6 +12,7 @@ from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.frame import console
 from ori_deploy.cli.screen import Screen, screen
 from ori_deploy.deploy.result import CycleRecord, MotionResult
+from ori_deploy.operate.due import DueGoals
 
 _REFRESH_S = 0.1
 
@@ -28,12 +29,12 @@ class Live:
     """
 
     def __init__(self, rig: ResolvedRig, *, real: bool = False) -> None:
-        self._rig = rig
         self._real = real
         self._screen: Screen | None = None
         self._since = 0.0
         self._due = -math.inf
         self._latches = ""
+        self._goals = DueGoals(rig, rig.delay_s)
 
     def __enter__(self) -> Self:
         self._screen = screen(real=self._real)
@@ -66,6 +67,7 @@ class Live:
     def __call__(self, record: CycleRecord) -> None:
         if self._screen is None:
             return
+        self._goals.note(record)
         if math.isnan(self._since):
             self._since = record.time_s
         at = record.time_s - self._since
@@ -79,10 +81,5 @@ class Live:
             self._due = record.time_s + _REFRESH_S
             folds = record.folds[np.isfinite(record.folds)]
             opened = float(folds.mean()) if len(folds) else 0.0
-            off = math.degrees(self._off_path(record))
+            off = math.degrees(self._goals.off_rad)
             self._screen.show(str(record.state), opened, float(at), off, self._latches)
-
-    def _off_path(self, record: CycleRecord) -> float:
-        off = self._rig.to_crease(record.readings.position_rad) - self._rig.to_crease(record.commanded_rad)
-        off = np.abs(off[np.isfinite(off)])
-        return float(off.max()) if len(off) else 0.0

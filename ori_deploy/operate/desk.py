@@ -169,7 +169,7 @@ class Desk:
         self._duration_s = float(plan.time_s[-1])
         self._stows = frozenset(plan.stow_stages)
         self._secures = {latch.id: latch.secures for latch in rig.latches + rig.stow_locks}
-        self._due = DueGoals(rig, bus)
+        self._due = DueGoals(rig, bus.delay_s, bus.due_s)
         self._began, self._now = now, now
         self._last: CycleRecord | None = None
         self.command: str | None = None

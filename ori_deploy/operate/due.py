@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.deploy.result import CycleRecord
 
@@ -20,25 +20,38 @@ _SPARE_CYCLES = 4
 class DueGoals:
     """The largest distance between measured and due, over a session.
 
+    Parameters
+    ----------
+    rig
+        Whose hinges.
+    delay_s
+        How long after its command a goal is due.
+    due_s
+        When a goal that is sent now is due, where the bus knows better.
+
     Attributes
     ----------
+    off_rad
+        In the last cycle, at the driven crease that is off most; 0 where nothing could be compared.
     worst_rad, worst_hinge
         At the driven crease, and the actuator's id; 0 and None before anything was compared.
     """
 
-    def __init__(self, rig: ResolvedRig, bus: ActuatorBus) -> None:
-        self._rig, self._bus = rig, bus
-        queued = int(np.ceil(bus.delay_s * rig.rate_hz))
+    def __init__(self, rig: ResolvedRig, delay_s: float, due_s: Callable[[float], float] | None = None) -> None:
+        self._rig, self._delay_s = rig, delay_s
+        self._due_s = due_s or (lambda now: now + delay_s)
+        queued = int(np.ceil(delay_s * rig.rate_hz))
         self._sent: deque[tuple[float, FloatArray]] = deque(maxlen=queued + _SPARE_CYCLES)
-        self.worst_rad = 0.0
+        self.off_rad = self.worst_rad = 0.0
         self.worst_hinge: str | None = None
 
     def note(self, record: CycleRecord) -> None:
         """Compare a cycle's readings with what was due, and remember what it sent."""
+        self.off_rad = 0.0
         # After a fault a device may brake along goals that nobody sent: not comparable any more.
         if record.fault is None and np.isfinite(record.commanded_rad).all():
             self._compare(record)
-            self._sent.append((self._bus.due_s(record.time_s), record.commanded_rad))
+            self._sent.append((self._due_s(record.time_s), record.commanded_rad))
         else:
             self._sent.clear()
 
@@ -49,16 +62,16 @@ class DueGoals:
         off = np.abs(self._rig.to_crease(record.readings.position_rad) - self._rig.to_crease(due))
         off[~np.isfinite(off)] = 0.0
         worst = int(np.argmax(off))
-        if off[worst] > self.worst_rad:
-            self.worst_rad = float(off[worst])
-            self.worst_hinge = self._bus.hinge_ids[worst]
+        self.off_rad = float(off[worst])
+        if self.off_rad > self.worst_rad:
+            self.worst_rad, self.worst_hinge = self.off_rad, self._rig.hinge_ids[worst]
 
     def _due(self, now: float) -> FloatArray | None:
         """The goal that is due now; None before the first is."""
         before: tuple[float, FloatArray] | None = None
         for due_s, goal in self._sent:
             if due_s > now:
-                if before is None or self._bus.delay_s == 0.0:
+                if before is None or self._delay_s == 0.0:
                     break
                 part = (now - before[0]) / (due_s - before[0])
                 between: FloatArray = before[1] + part * (goal - before[1])

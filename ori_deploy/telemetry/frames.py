@@ -138,6 +138,7 @@ def plan_info(plan: Plan, rig: ResolvedRig, *, plan_sha256: str = "") -> dict[st
         "rig_file": rig.source or "",
         "seed": rig.mock.seed if rig.backend == "mock" else None,
         "rate_hz": rig.rate_hz,
+        "delay_s": rig.delay_s,
         "cell_ids": list(rig.cell_ids),
         "hinge_ids": list(rig.hinge_ids),
         "latch_ids": list(rig.latch_ids),

@@ -126,13 +126,33 @@ class Run:
 
     @property
     def tracking_error_rad(self) -> FloatArray:
-        """(n, n_hinges) measured minus commanded at the driven creases; NaN in the first cycle.
+        """(n, n_hinges) measured at the driven creases, minus what was due then; NaN where that is not known."""
+        return self.measured_crease_rad - self._due_crease_rad()
 
-        What is measured in a cycle answers to the goals of the cycle before.
+    def _due_crease_rad(self) -> FloatArray:
+        """What is measured in a cycle answers to the goals of the cycle before, or to those that were queued then.
+
+        Behind a queue nothing is known after a fault, until goals that were sent since are due: a device brakes
+        along goals that nobody sent.
         """
-        error = np.full_like(self.position_rad, np.nan)
-        error[1:] = self.measured_crease_rad[1:] - self.commanded_crease_rad[:-1]
-        return error
+        commanded, time_s = self.commanded_crease_rad, self.time_s
+        delay_s = float(self.info.get("delay_s", 0.0))  # old logs do not say
+        due = np.full_like(commanded, np.nan)
+        if delay_s == 0.0:
+            due[1:] = commanded[:-1]
+            if self.dropped:  # the row before may be of another cycle than the one before
+                due[1:][np.diff(time_s) > 1.5 / float(self.info["rate_hz"])] = np.nan
+            return due
+        sent = np.isfinite(commanded)
+        for hinge, there in enumerate(sent.T):
+            if there.any():
+                due[:, hinge] = np.interp(
+                    time_s - delay_s, time_s[there], commanded[there, hinge], left=np.nan, right=np.nan
+                )
+                due[np.interp(time_s - delay_s, time_s, there) < 1.0, hinge] = np.nan
+        faulted = np.array([state == State.FAULT for state in self.state])
+        due[time_s - np.maximum.accumulate(np.where(faulted, time_s, -np.inf)) <= delay_s] = np.nan
+        return due
 
     def _crease(self, shaft_rad: FloatArray) -> FloatArray:
         crease: FloatArray = (shaft_rad - np.array(self.info["zero_rad"])) / np.array(self.info["shaft_per_crease"])
@@ -314,14 +334,19 @@ def _decode(data: bytes) -> dict[str, Any]:
     return message
 
 
+_LATELY = {"delay_s"}
+"""Of `/plan_info`, what older logs do not have."""
+
+
 def _check(run: Run) -> None:
     """Raise ValueError, TypeError or KeyError for what no writer of logs would have written."""
-    if missing := CHANNELS["/plan_info"].keys() - run.info.keys():
+    if missing := CHANNELS["/plan_info"].keys() - run.info.keys() - _LATELY:
         raise KeyError(*sorted(missing))
     count = len(run.info["hinge_ids"])
     for name in ("cell_ids", "zero_rad", "shaft_per_crease"):
         _check_shape(f"{name} of the plan", np.shape(run.info[name]), (count,))
     np.array([run.info["zero_rad"], run.info["shaft_per_crease"]], dtype=np.float64)
+    np.array([run.info["rate_hz"], run.info.get("delay_s", 0.0)], dtype=np.float64)
     for name in ("valid", "fold", "commanded_rad", "position_rad", "velocity_rad_s", "current_a", "age_s"):
         _check_shape(name, getattr(run, name).shape, (len(run.time_s), count))
     for name in ("lateness_s", "path_time_s", "rate", "rate_limit", "commanded_fold", "lost_replies", "overruns"):

@@ -38,6 +38,7 @@ CHANNELS: dict[str, dict[str, dict[str, Any]]] = {
         "rig_file": _STRING,
         "seed": _INTEGER,
         "rate_hz": _NUMBER,
+        "delay_s": _NUMBER,
         "cell_ids": _list_of(_STRING),
         "hinge_ids": _list_of(_STRING),
         "latch_ids": _list_of(_STRING),

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -123,8 +121,7 @@ def test_behind_a_queue_it_is_the_goal_that_is_due_that_counts() -> None:
     b.controller.deploy()
     b.steps(2)
     delay = 0.3
-    queued: Any = SimpleNamespace(delay_s=delay, due_s=lambda now: now + delay, hinge_ids=b.bus.hinge_ids)
-    exact, late = DueGoals(b.rig, queued), DueGoals(b.rig, queued)
+    exact, late = DueGoals(b.rig, delay), DueGoals(b.rig, delay, lambda now: now + delay)
     record, n = b.records[-1], len(b.bus.hinge_ids)
     for k in range(200):
         now = 100.0 + 0.01 * k
@@ -134,6 +131,7 @@ def test_behind_a_queue_it_is_the_goal_that_is_due_that_counts() -> None:
             due.note(replace(record, time_s=now, commanded_rad=np.full(n, math.sin(now)), readings=readings))
     gear = 4.0
     assert exact.worst_rad < 1e-4
+    assert exact.off_rad <= exact.worst_rad
     assert late.worst_rad == pytest.approx(0.1 / gear, rel=0.1)
 
 

@@ -399,6 +399,18 @@ def test_message_that_cannot_be_decoded_is_left_out(path: Path, junk: bytes) -> 
     assert len(run.time_s) == len(b.records)
 
 
+def test_an_older_log_is_read_as_it_is(path: Path) -> None:
+    logged(path)
+    messages = messages_of(path)
+    at = next(i for i, (name, _) in enumerate(messages) if name == "/plan_info")
+    info = json.loads(messages[at][1])
+    assert info.pop("delay_s") == 0.0
+    before = read_run(path)
+    messages[at] = ("/plan_info", json.dumps(info).encode())
+    write_messages(path, messages)
+    np.testing.assert_array_equal(read_run(path).tracking_error_rad, before.tracking_error_rad)
+
+
 @pytest.mark.parametrize(
     ("topic", "key", "value"),
     [
@@ -413,6 +425,8 @@ def test_message_that_cannot_be_decoded_is_left_out(path: Path, junk: bytes) -> 
         ("/plan_info", "hinge_ids", 3),
         ("/plan_info", "zero_rad", ["a", "b", "c", "d"]),
         ("/plan_info", "shaft_per_crease", ...),
+        ("/plan_info", "delay_s", "late"),
+        ("/plan_info", "rate_hz", ...),
         ("/plan_info", "schema", []),
         ("/health", "voltage_v", [12.0]),
         ("/state", "event", "magic"),

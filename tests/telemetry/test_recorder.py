@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -293,3 +294,47 @@ def test_killing_the_loop_leaves_a_log_that_is_whole_up_to_the_last_moment(path:
     done = replay(recording.tape, plan, synthetic_rig(plan))
     assert done.same
     assert done.cycles == len(run.time_s)
+
+
+def test_behind_a_queue_what_is_measured_answers_to_the_goal_that_is_due(path: Path) -> None:
+    """Reproduced: a perfect run behind a queue of 0.3 s was told as 0.3 s of motion off."""
+    deploy(path)
+    logged = read_run(path)
+    assert logged.info["delay_s"] == 0.0
+    assert np.nanmax(np.abs(logged.tracking_error_rad)) < 0.05
+    delay_s, gear = 0.3, np.array(logged.info["shaft_per_crease"])
+    late = np.stack(
+        [np.interp(logged.time_s - delay_s, logged.time_s, one) for one in logged.commanded_rad.T], axis=1
+    )
+    queued = replace(logged, info={**logged.info, "delay_s": delay_s}, position_rad=late)
+    known = np.isfinite(queued.tracking_error_rad)
+    assert known.mean() > 0.8
+    assert np.abs(queued.tracking_error_rad[known]).max() < 1e-9
+    off = replace(queued, position_rad=late + 0.2 * gear)
+    np.testing.assert_allclose(off.tracking_error_rad[known], 0.2, atol=1e-9)
+    unaware = replace(logged, position_rad=late)  # what an old log would say of it
+    assert np.nanmax(np.abs(unaware.tracking_error_rad)) > 0.1
+
+
+def test_behind_a_queue_nothing_is_known_from_a_fault_until_new_goals_are_due(path: Path) -> None:
+    deploy(path)
+    logged = read_run(path)
+    at = len(logged.time_s) // 2
+    state = tuple("fault" if at <= k < at + 5 else one for k, one in enumerate(logged.state))
+    error = replace(logged, info={**logged.info, "delay_s": 0.3}, state=state).tracking_error_rad
+    after = logged.time_s - logged.time_s[at + 4]
+    assert np.isnan(error[at:][after[at:] <= 0.3]).all()
+    assert np.isfinite(error[after > 0.31]).all()
+    assert np.isfinite(error[at - 1]).all()
+
+
+def test_where_records_were_dropped_neighbours_are_not_compared(path: Path) -> None:
+    deploy(path)
+    logged = read_run(path)
+    keep = np.ones(len(logged.time_s), dtype=bool)
+    keep[100:150] = False
+    rows = {name: getattr(logged, name)[keep] for name in ("time_s", "commanded_rad", "position_rad")}
+    error = replace(logged, dropped=50, **rows).tracking_error_rad
+    assert np.isnan(error[100]).all()
+    assert np.isfinite(error[99]).all()
+    assert np.isfinite(error[101]).all()
