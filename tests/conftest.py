@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -18,6 +19,12 @@ COMPUTING = (
     *("mav/test_stateful.py", "telemetry/test_replay.py", "test_gallery.py"),
 )
 """Tests that wait for nothing but the processor."""
+
+
+def pytest_configure() -> None:
+    """Jobs in the background ignore interrupts, and so would all that is started here and asked to stop by one."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -75,8 +75,12 @@ class DeviceClaim:
         except OSError as wrong:
             os.close(fd)
             raise BusClosed(f"{self._path} cannot be opened: {in_use(self._path)}") from wrong
-        os.ftruncate(fd, 0)
-        os.write(fd, f"{os.getpid()} {_own_words()}\n".encode())
+        try:
+            os.ftruncate(fd, 0)
+            os.write(fd, f"{os.getpid()} {_own_words()}\n".encode(errors="replace"))  # names may be of any bytes
+        except OSError as wrong:
+            os.close(fd)
+            raise BusClosed(f"{self._path} cannot be locked for this program alone: {wrong}") from wrong
         _held[device] = self._path
         # A port that is dropped without being closed closes its device all the same; the claim goes with it.
         self._let_go = weakref.finalize(self, _let_go, device, lock, fd)

@@ -26,7 +26,7 @@ def default_path(rig_path: Path, rig: ResolvedRig, port: str | None) -> Path | N
     if rig.backend == "mock" or not device or os.path.realpath(device).startswith(_PSEUDO_TERMINALS):
         return None
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    name = hashlib.sha256(str(rig_path.resolve()).encode()).hexdigest()[:12]
+    name = hashlib.sha256(os.fsencode(rig_path.resolve())).hexdigest()[:12]
     return state / "ori-deploy" / f"{rig_path.stem}-{name}.journal.json"
 
 

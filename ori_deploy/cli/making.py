@@ -169,9 +169,7 @@ def _print_plan(made: Plan, path: Path) -> None:
     low, high = check.clearance_fold_range
     deepest, allowed = 1e3 * check.deepest_penetration_m, 1e3 * check.allowed_penetration_m
     where = f"{check.clearance_panels[0]} and {check.clearance_panels[1]}, fold {check.clearance_fold:.2f}"
-    clearance = (
-        f"{1e3 * check.smallest_clearance_m:.3g} mm ({where})" if check.clearance_panels[0] else "no free pair"
-    )
+    clearance = f"{1e3 * check.smallest_clearance_m:.3g} mm ({where})" if check.has_clearance else "no free pair"
     print_table(
         f"{made.design_name}: {made.duration_s:.2f} s of motion at {made.rate_hz:g} Hz",
         [

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
-import click
 import numpy as np
 
+from ori_deploy.cli.live import Live
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import StartRefused
 from ori_deploy.deploy.states import State
@@ -24,7 +24,7 @@ from ori_deploy.profiles.profile import Reals
 LOOKS = 10
 """Cycles whose readings are averaged: a way begins where the cells stand, not where one reading says."""
 
-Start = Callable[[Controller, Callable[[], bool]], None]
+Start = Callable[[Controller, Callable[[], bool], Live], None]
 
 
 @contextmanager
@@ -50,11 +50,16 @@ def recovering(design_file: Path | None, plan: Plan) -> Iterator[Start]:
         )
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as others:
         others.submit(_ready).result()  # loaded before the loop begins
-        yield lambda controller, stopping: _start(controller, stopping, others, design_file, plan)
+        yield lambda controller, stopping, live: _start(controller, stopping, live, others, design_file, plan)
 
 
 def _start(
-    controller: Controller, stopping: Callable[[], bool], others: Executor, design_file: Path, plan: Plan
+    controller: Controller,
+    stopping: Callable[[], bool],
+    live: Live,
+    others: Executor,
+    design_file: Path,
+    plan: Plan,
 ) -> None:
     measured = np.array([controller.step().folds for _ in range(LOOKS)])
     folds = np.nanmean(measured, axis=0)
@@ -69,7 +74,7 @@ def _start(
     if isinstance(found, str):
         raise StartRefused(found)
     stands = ", ".join(f"{name} {fold:.3f}" for name, fold in zip(plan.cell_ids, folds, strict=True))
-    click.echo(f"cells stand at fold {stands}; all go to {found.target:.3f}, {found.n_poses} poses checked")
+    live.line(f"cells stand at fold {stands}; all go to {found.target:.3f}, {found.n_poses} poses checked")
     controller.recover(found)
 
 

@@ -15,7 +15,7 @@ import click
 from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.flight import controller_for, flight_recorder
-from ori_deploy.cli.frame import IN, OUT, console, example
+from ori_deploy.cli.frame import IN, OUT, example
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
@@ -110,7 +110,7 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
             _warnings(live),
             punctual(True),
         ):
-            _say(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it")
+            live.line(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it")
             _Loop(controller, orders, stop, socket, network, recorder, live).run()
 
 
@@ -227,7 +227,7 @@ class _Loop:
     def _tell_held(self, told: bool) -> bool:
         held = self.controller.state is State.HOLD
         if held and not told:
-            _say("held: another order goes on or turns round; `ori-deploy stop` gives it up")
+            self.live.line("held: another order goes on or turns round; `ori-deploy stop` gives it up")
         return held
 
     def _tell_fault(self, told: bool) -> bool:
@@ -235,15 +235,10 @@ class _Loop:
         faulted = self.controller.fault is not None and not self.controller.under_way
         if faulted and not told:
             by = "" if self.network is None else " or `ori-deploy gcs clear-fault`"
-            _say(
+            self.live.line(
                 f"a fault is latched: see to its cause, then `ori-deploy clear-fault`{by}; then give the order again"
             )
         return faulted
-
-
-def _say(text: str) -> None:
-    """A line that stays one, for whoever reads it out of a file."""
-    console.print(text, markup=False, soft_wrap=True)
 
 
 def _where(settings: Settings | None) -> str:

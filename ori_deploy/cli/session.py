@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Literal, Self
@@ -145,7 +146,9 @@ class StopRequest:
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
-        self._before = {number: signal.signal(number, self._note) for number in self.SIGNALS}
+        # Whoever began this with `nohup` has said that a hangup is to mean nothing.
+        heeded = [n for n in self.SIGNALS if n != signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
+        self._before = {number: signal.signal(number, self._note) for number in heeded}
         return self
 
     def __exit__(
@@ -267,7 +270,7 @@ def carry_out(
                     break
                 live.begin(command)
                 with nothing_moved() if not results else nullcontext():
-                    _give(controller, command, o, lambda: recover(controller, lambda: stop.requested))
+                    _give(controller, command, o, lambda: recover(controller, partial(_asked, stop, operator), live))
                 results.append(run_command(controller, stop, operator))
                 if recorder is not None:
                     recorder.write_result(results[-1])
@@ -294,7 +297,7 @@ def _give(controller: Controller, command: Command, options: Options, recover: C
         recover()
 
 
-def _no_way(controller: Controller, stopping: Callable[[], bool]) -> None:
+def _no_way(controller: Controller, stopping: Callable[[], bool], live: Live) -> None:
     """Nobody asked for a way back into step."""
 
 
@@ -323,6 +326,13 @@ def tell_advice(bus: ActuatorBus) -> None:
     """What works on the bus and could work better."""
     for text in bus.advice:
         warn(text)
+
+
+def _asked(stop: StopRequest, operator: Operator | None) -> bool:
+    """Serve other terminals while no command is under way yet; whether a signal has come."""
+    if operator is not None:
+        operator.poll()
+    return stop.requested
 
 
 def run_command(controller: Controller, stop: StopRequest, operator: Operator | None = None) -> MotionResult:

@@ -40,7 +40,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
             "seating_fold": steps.seating_fold,
             "seating_depth_m": steps.seating_depth_m,
         },
-        "check": asdict(plan.check),
+        "check": _check_data(plan.check),
         **({} if plan.span is None else {"span": _span_data(plan.span)}),
         "time_s": plan.time_s.tolist(),
         "fold": plan.fold.tolist(),
@@ -62,6 +62,13 @@ def _span_data(span: SpanStage) -> dict[str, Any]:
         "time_s": span.time_s.tolist(),
         "angles_rad": span.angles_rad.tolist(),
     }
+
+
+def _check_data(check: MotionCheck) -> dict[str, Any]:
+    """As JSON has it, which knows no infinity: where no two panels could ever meet there is no clearance."""
+    if check.has_clearance:
+        return asdict(check)
+    return {**asdict(check), "smallest_clearance_m": None, "clearance_panels": None}
 
 
 def save_plan(plan: Plan, path: Path) -> None:
@@ -179,6 +186,8 @@ def _span(data: dict[str, Any] | None) -> SpanStage | None:
 
 def _plan(data: dict[str, Any]) -> Plan:
     steps, check = data["step_tolerance"], dict(data["check"])
+    if check["clearance_panels"] is None:
+        check |= {"smallest_clearance_m": float("inf"), "clearance_panels": ("", "")}
     for key in ("clearance_fold_range", "clearance_panels"):
         check[key] = tuple(check[key])
     return Plan(

@@ -42,9 +42,9 @@ class CheckEntry(Written):
     n_poses: Count
     deepest_penetration_m: Size
     allowed_penetration_m: Size
-    smallest_clearance_m: Number
+    smallest_clearance_m: Number | None
     clearance_fold_range: Pair
-    clearance_panels: tuple[Name, Name]
+    clearance_panels: tuple[Name, Name] | None
     clearance_fold: Share
 
 

@@ -40,7 +40,8 @@ class MotionCheck:
     clearance_fold_range
         Fold interval over which the clearance was taken.
     clearance_panels, clearance_fold
-        The pair of panels and the fold at which the smallest clearance occurs.
+        The pair of panels and the fold at which the smallest clearance occurs. Without such a pair they are empty,
+        and the clearance is infinite.
     """
 
     n_poses: int
@@ -50,6 +51,11 @@ class MotionCheck:
     clearance_fold_range: tuple[float, float]
     clearance_panels: tuple[str, str]
     clearance_fold: float
+
+    @property
+    def has_clearance(self) -> bool:
+        """Whether there are panels that could meet: all of one cell may share creases, or have no thickness."""
+        return self.clearance_panels[0] != ""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ori_deploy.design import ConeStructure, Structure
 from ori_deploy.files import Design
-from ori_deploy.motion import Mechanism, Plan, SpanFolding
+from ori_deploy.motion import Mechanism, MotionCheck, Plan, SpanFolding
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import Summary, summarise
@@ -35,6 +35,14 @@ class CellRow:
     rim_mm: tuple[str, ...]
     offset_mm: tuple[str, ...]
     margin_deg: tuple[str, ...]
+
+
+def _clearance(check: MotionCheck, where: str) -> Fact:
+    if not check.has_clearance:
+        return Fact("smallest clearance", "none", "no two panels that could meet")
+    return Fact(
+        "smallest clearance", _mm(check.smallest_clearance_m), f"{' and '.join(check.clearance_panels)} {where}"
+    )
 
 
 def _mm(length_m: float) -> str:
@@ -65,14 +73,7 @@ def key_facts(
         note = f"the span of {folding.span_m:.4g} m in {folding.segments} segments"
         facts.append(Fact("stowed length", _mm(folding.length_m), note))
     if plan is not None:
-        facts.append(
-            Fact(
-                "smallest clearance",
-                _mm(plan.check.smallest_clearance_m),
-                f"{' and '.join(plan.check.clearance_panels)} at fold {plan.check.clearance_fold:.2f}, "
-                "touching ends left out",
-            )
-        )
+        facts.append(_clearance(plan.check, f"at fold {plan.check.clearance_fold:.2f}, touching ends left out"))
     if run is not None:
         worst = summarise(run).worst_tracking
         facts.append(Fact("worst tracking error", f"{np.degrees(worst.error_rad):.2f}°", worst.hinge_id))
@@ -188,12 +189,7 @@ def plan_facts(plan: Plan) -> tuple[Fact, ...]:
     low, high = check.clearance_fold_range
     return (
         Fact("planned duration", f"{plan.duration_s:.2f} s", f"flat to deployed, {plan.rate_hz:g} Hz"),
-        Fact(
-            "smallest clearance",
-            _mm(check.smallest_clearance_m),
-            f"panels {' and '.join(check.clearance_panels)} at fold {check.clearance_fold:.3g}; "
-            f"taken from fold {low:g} to {high:g}",
-        ),
+        _clearance(check, f"at fold {check.clearance_fold:.3g}; taken from fold {low:g} to {high:g}"),
         Fact(
             "deepest penetration",
             f"at most {_mm(check.deepest_penetration_m)}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import pty
@@ -151,6 +152,36 @@ def test_a_child_made_by_fork_keeps_nothing(device: str) -> None:
         os.kill(child, signal.SIGKILL)
         os.close(read)
         os.close(write)
+
+
+def test_names_of_any_bytes_are_no_hindrance(
+    device: str, runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A Latin-1 file name on the command line of a UTF-8 system."""
+    monkeypatch.setattr(sys, "argv", ["ori-deploy", "deploy", os.fsdecode(b"Fl\xfcgel.plan.json")])
+    port = BlockingPort(device, 57_600)
+    port.open()
+    try:
+        assert device in held_devices()
+        (lock,) = (lock for lock in runtime_folder.iterdir() if str(os.getpid()) in lock.read_text())
+        assert "ori-deploy deploy Fl?gel.plan.json" in lock.read_text()
+    finally:
+        port.close()
+
+
+def test_a_lock_that_cannot_be_written_is_a_closed_port_and_let_go(
+    device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("ori_deploy.actuators.claim.os.ftruncate", full)
+        with pytest.raises(BusClosed, match="No space left"):
+            BlockingPort(device, 57_600).open()
+    port = BlockingPort(device, 57_600)
+    port.open()
+    port.close()
 
 
 def test_what_cannot_be_opened_is_not_kept(runtime_folder: Path, tmp_path: Path) -> None:

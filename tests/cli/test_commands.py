@@ -322,6 +322,22 @@ def test_nervous_fingers_ask_once_and_patient_ones_break_off(monkeypatch: pytest
             signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.parametrize("number", StopRequest.SIGNALS)
+@pytest.mark.parametrize("ignored", [False, True])
+def test_a_hangup_that_was_to_mean_nothing_means_nothing(number: signal.Signals, ignored: bool) -> None:
+    """As `nohup` leaves it; interrupts are ignored by every job in the background, and are asked for by `kill`."""
+    before = signal.signal(number, signal.SIG_IGN if ignored else signal.SIG_DFL)
+    try:
+        with StopRequest() as stop:
+            heeded = not (ignored and number == signal.SIGHUP)
+            assert (signal.getsignal(number) is signal.SIG_IGN) == (not heeded)
+            signal.raise_signal(number)
+            assert stop.requested == heeded
+        assert signal.getsignal(number) is (signal.SIG_IGN if ignored else signal.SIG_DFL)
+    finally:
+        signal.signal(number, before)
+
+
 def test_a_signal_before_torque_leaves_it_off(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Requested(StopRequest):
         def __enter__(self) -> StopRequest:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli import journal, session
+from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import Clock
 from ori_deploy.motion import Plan
 from sim_backends.mock import MockBus
@@ -50,6 +52,28 @@ def test_cells_out_of_step_are_brought_back_along_a_checked_way(made: Path, monk
     assert "c2 0.4" in done.stdout
     assert "poses checked" in done.stdout
     assert "recover: succeeded" in done.stdout
+
+
+def test_other_terminals_are_served_while_a_way_is_looked_for(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal:
+        polls = 0
+
+        def poll(self) -> None:
+            self.polls += 1
+
+    terminal: Any = Terminal()
+    stop = StopRequest()
+    assert not session._asked(stop, terminal)
+    stop.requested = True
+    assert session._asked(stop, terminal)
+    assert terminal.polls == 2
+    looked: list[bool] = []
+    whole = session._asked
+    monkeypatch.setattr(session, "_asked", lambda stop, operator: looked.append(True) or whole(stop, operator))
+    standing(monkeypatch, [0.2, 0.45, 0.3, 0.35])
+    done = run("recover", "w.plan.json", "--rig", RIG, "--design", "w.design.json", cwd=made)
+    assert done.returncode == 0, done.stderr
+    assert looked
 
 
 def test_a_pose_that_cannot_be_is_refused_with_its_panels(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,8 @@ import pytest
 
 from ori_deploy.mav.commands import SENT_AGAIN_S
 from ori_deploy.mav.ground import GroundStation, NoAnswer, Result, State, Structure, Verdict
+from ori_deploy.operate.client import ask, find
+from ori_deploy.operate.messages import Do, Request
 from ori_deploy.telemetry.read import read_run
 from tests.cli.serving import Autopilot, Served, quick_plan, serving
 from tests.cli.test_operate import answer, asked, session
@@ -263,3 +265,32 @@ def test_a_fault_says_what_leads_on_and_what_is_held_is_given_up_at_the_end(plan
         os.kill(pid, signal.SIGINT)
         status, out, _ = served.process.end()
         assert (status, "deploy: stopped" in out) == (0, True), out
+
+
+# -- a terminal that is gone ---------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_an_output_that_takes_nothing_ends_no_session(plan: Path, tmp_path: Path) -> None:
+    """Reproduced: on a full disk, or after a logout, the first pause ended the loop that holds the structure."""
+    line = [sys.executable, "-m", "ori_deploy.cli", "serve", str(plan), "--rig", str(plan.with_name("rig.toml"))]
+    with Path("/dev/full").open("w") as full:
+        process = subprocess.Popen(line, cwd=tmp_path, stdout=full, stderr=subprocess.DEVNULL)
+    try:
+        there = ("--pid", process.pid)
+        deadline = time.monotonic() + 30.0
+        while asked("status", *there, cwd=tmp_path).returncode != 0:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+        (begun,) = ask(find(process.pid), Request(Do.DEPLOY))
+        assert begun.took
+        assert asked("estop", *there, cwd=tmp_path).returncode == 0
+        time.sleep(0.5)
+        assert answer("status", *there, cwd=tmp_path)["state"] == "fault"
+        assert asked("clear-fault", *there, cwd=tmp_path).returncode == 0
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 0
+    finally:
+        process.kill()
+        process.wait()
