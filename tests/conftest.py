@@ -10,8 +10,13 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from ori_deploy import runtime_dir
+
+# How long an example takes is the machine's affair.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 COMPUTING = (
     *("aero", "design", "docs", "export", "figures", "files", "firmware", "layout", "loads", "motion", "oracle"),

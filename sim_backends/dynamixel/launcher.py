@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import select
 import socket
 import subprocess
@@ -18,9 +17,9 @@ from typing import Any, Self
 from ori_deploy.errors import OriDeployError
 from sim_backends.dynamixel.servo import OVERLOAD
 from sim_backends.dynamixel.spec import BusSpec
+from sim_backends.priority import wait_for_no_processor
 
 START_PATIENCE_S = 30.0
-PRIORITY = 40
 END_PATIENCE_S = 5.0
 
 
@@ -120,8 +119,7 @@ class VirtualBus:
             self._folder.cleanup()
             raise VirtualBusError(f"the virtual bus did not start: {wrong.strip() or 'it says nothing'}")
         if self._spec.plant is None:  # which computes as long as it needs, and would keep the processor from others
-            with contextlib.suppress(PermissionError):  # where it is allowed: real servos wait for no processor
-                os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            wait_for_no_processor(self._process.pid)
         return self
 
     def __exit__(

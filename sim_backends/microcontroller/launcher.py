@@ -20,6 +20,7 @@ from ori_deploy.errors import OriDeployError
 from sim_backends.microcontroller.build import Port, emulator, firmware
 from sim_backends.microcontroller.plant_link import PlantLink
 from sim_backends.microcontroller.spec import WorldSpec
+from sim_backends.priority import wait_for_no_processor
 
 START_PATIENCE_S = 10.0
 ANSWER_PATIENCE_S = 120.0
@@ -209,6 +210,8 @@ class Microcontroller:
             self._command(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             pass_fds=() if plant is None else (plant.far_end,),
         )  # fmt: skip
+        if self._port == "host":  # an emulated one computes without a pause
+            wait_for_no_processor(self._process.pid)
         if plant is not None:
             plant.start()
         assert self._process.stdout is not None

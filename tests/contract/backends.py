@@ -163,7 +163,7 @@ BOARD_RIG = {
     "brake_s": 0.05,
     "lead_s": 0.75,
     "min_lead_s": 0.65,
-    "reply_timeout_s": 0.1,
+    "reply_timeout_s": 0.2,
     "stall_s": 0.1,
     "each_hinge": {
         "pulse_zero_us": 1500.0,

@@ -43,7 +43,6 @@ def test_time_at_inverts_fold_at(fold: float) -> None:
     assert TABLE.fold_at(TABLE.time_at(fold)) == pytest.approx(fold, abs=1e-9)
 
 
-@settings(deadline=None)
 @given(
     targets=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=200),
     start=st.floats(0.0, 2.0),
@@ -161,7 +160,7 @@ def brute_force_folds(shaft: np.ndarray) -> np.ndarray:
     return folds[np.abs(places - shaft).argmin(axis=0)]
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4))
 def test_folds_agree_with_brute_force(folds: list[float]) -> None:
     shaft = np.array([np.interp(f, TABLE.fold, TABLE.shaft_rad[:, i]) for i, f in enumerate(folds)])

@@ -48,7 +48,7 @@ def largest_crease_step(b: Bench) -> float:
     return float(np.abs(np.diff(goals, axis=0)).max())
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(
     folds=st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4),
     corners=st.lists(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), max_size=2),

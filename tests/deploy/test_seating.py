@@ -25,7 +25,7 @@ N = 4
 STRENGTH_NM = 2.0
 SEATING_KINDS = {FaultKind.SEATING_EARLY, FaultKind.SEATING_LATE, FaultKind.SEATING_UNEVEN}
 DRIVES = [("close_a", -1), ("close_a", 1), ("open_c", -1), ("open_c", 1)]
-few = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+few = settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 
 
 def seating_plan() -> Plan:

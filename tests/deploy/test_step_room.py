@@ -55,7 +55,7 @@ def slow_behind(tolerance: StepTolerance, low: float, lead: float) -> float:
     return end
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(tolerance=tolerances, low=places, gap=st.floats(0.0, 0.1))
 def test_room_ahead_agrees_with_a_search(tolerance: StepTolerance, low: float, gap: float) -> None:
     lead = min(low + gap, 1.0)
@@ -66,7 +66,7 @@ def test_room_ahead_agrees_with_a_search(tolerance: StepTolerance, low: float, g
     assert abs(min(found, 1.0) - end) < 2.5e-4
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(tolerance=tolerances, low=places, gap=st.floats(0.0, 0.1))
 def test_room_behind_agrees_with_a_search(tolerance: StepTolerance, low: float, gap: float) -> None:
     lead = min(low + gap, 1.0)
@@ -85,7 +85,7 @@ def test_no_room_when_the_tolerance_is_used_up(tolerance: StepTolerance, low: fl
     assert room(tolerance).ahead(np.array([low, lead]), lead) == 0.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(tolerance=tolerances, stuck=st.floats(0.0, 0.95), direction=st.sampled_from([1.0, -1.0]))
 def test_cells_that_follow_the_limit_stop_inside_the_tolerance_when_one_sticks(
     tolerance: StepTolerance, stuck: float, direction: float

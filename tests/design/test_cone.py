@@ -345,7 +345,7 @@ def test_very_narrow_cone_is_the_cylinder() -> None:
     assert np.allclose(s.cells.dead_centre_margin, plane.cells.dead_centre_margin, atol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     base=st.sampled_from([Superellipse(1.0, 0.6), Superellipse(1.0, 0.8, 3.0), Naca4("2412", 1.0), peanut()]),
     n=st.integers(3, 9),
@@ -377,7 +377,7 @@ def test_a_very_narrow_cone_is_built_or_refused_as_the_cylinder_is(
 # --- any ring, and refusals ------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     angle=st.floats(0.01, 1.4),
     aspect=st.floats(0.3, 1.0),
@@ -410,7 +410,7 @@ def test_any_ring_is_built_soundly_or_refused_with_a_reason(
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     angle=st.floats(0.05, 1.2),
     n=st.integers(3, 8),

@@ -197,7 +197,7 @@ def test_hollow_outline_gets_its_dip() -> None:
     assert again.eta == pytest.approx(s.eta, rel=1e-8)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     aspect=st.floats(0.3, 1.0),
     exponent=st.floats(1.2, 5.0),
@@ -226,7 +226,7 @@ def test_any_ring_is_built_soundly_or_refused_with_a_reason(
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(n=st.integers(3, 8), phase=st.floats(0.0, 6.2), aspect=st.floats(0.5, 1.0), wall=st.floats(0.0, 0.03))
 def test_random_rings_agree_with_the_oracle(n: int, phase: float, aspect: float, wall: float) -> None:
     try:

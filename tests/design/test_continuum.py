@@ -94,7 +94,7 @@ def test_agrees_with_the_equation_by_the_letter(gamma: float, m: float, center: 
     assert found == pytest.approx(by_the_letter(gamma, m, center), rel=1e-8)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(gamma=st.floats(0.05, 1.0), m=st.floats(1.2, 12.0))
 def test_the_table_and_the_outline_agree(gamma: float, m: float) -> None:
     """Two routes: cancelled by hand in the paper's parameter, and curvature of the outline."""
@@ -114,7 +114,7 @@ def test_the_table_is_ordered_and_shows_what_the_paper_says() -> None:
     )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(size=st.floats(1e-3, 1e3), x=st.floats(-0.5, 0.5), y=st.floats(-0.5, 0.5), m=st.floats(1.5, 6.0))
 def test_depends_on_shape_and_relative_place_only(size: float, x: float, y: float, m: float) -> None:
     place = complex(x, 0.6 * y)
@@ -168,7 +168,7 @@ def test_equation_7_comes_up_to_8_with_the_best_division_and_not_with_an_even_on
     assert limit.finite_eta(even) < 400 * limit.eta_per_cell * (1 - 1e-2)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(angle=st.floats(-20.0, 20.0))
 def test_places_are_seen_under_their_polar_angle(angle: float) -> None:
     limit = continuum_limit(Superellipse(1.0, 0.5, 3.0), 0.4 + 0.2j)

@@ -88,7 +88,7 @@ def test_every_rule_against_differences(name: str) -> None:
         assert np.allclose(jet.slope[..., k], (8.0 * near - far) / (12.0 * h), atol=1e-10)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3))
 def test_a_circle_of_rules_closes(x: list[float]) -> None:
     """|z| exp(i angle z) is z again, slopes and all."""

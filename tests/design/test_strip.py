@@ -63,7 +63,7 @@ def strips(data: st.DataObject) -> Iterator[tuple[Structure | ConeStructure, Str
     yield cone(), data.draw(spirals)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_pieces_follow_each_other_without_gap_and_make_up_the_band(data: st.DataObject) -> None:
     for _, strip in strips(data):
@@ -76,7 +76,7 @@ def test_pieces_follow_each_other_without_gap_and_make_up_the_band(data: st.Data
         assert sum(p.area_m2 for p in pieces) == pytest.approx(strip.area_m2, rel=1e-4)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_a_piece_lies_on_its_panels_outline(data: st.DataObject) -> None:
     for s, strip in strips(data):
@@ -89,7 +89,7 @@ def test_a_piece_lies_on_its_panels_outline(data: st.DataObject) -> None:
             assert own.max() + shift <= high + 1e-5 * turn
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_unrolled_pieces_have_their_areas_and_the_band_its_own(data: st.DataObject) -> None:
     """Area by corners of the flat sheet, which knows nothing of the closed forms."""
@@ -100,7 +100,7 @@ def test_unrolled_pieces_have_their_areas_and_the_band_its_own(data: st.DataObje
         assert sum(areas) == pytest.approx(strip.area_m2, rel=1e-3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_a_helix_is_a_straight_parallelogram_of_the_right_size(data: st.DataObject) -> None:
     s, strip = data.draw(helices(data.draw(st.sampled_from(CYLINDERS))))
@@ -129,7 +129,7 @@ def test_a_helix_has_its_length_in_space() -> None:
     assert height[-1] - height[0] == pytest.approx(0.09 * 2.3)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(strip=spirals)
 def test_a_spiral_crosses_every_ruling_under_one_angle_and_grows_alike_every_turn(strip: Strip) -> None:
     band = strip.band

@@ -108,7 +108,6 @@ def test_a_panel_without_material_is_told() -> None:
 
 
 EXPLORE = settings(
-    deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
     # Every try takes a second: shrinking would take minutes, and sizes drawn are as good as smaller ones.
     phases=[Phase.explicit, Phase.generate],

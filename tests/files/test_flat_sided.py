@@ -47,7 +47,7 @@ def unturned(kind: Kind, sides: int, phase: float, wall: float) -> Any:
     ("kind", "sides"),
     [("cylinder", 3), ("cylinder", 4), ("cone", 4), pytest.param("cone", 3, marks=pytest.mark.slow)],
 )
-@settings(deadline=None, max_examples=6, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=6, phases=(Phase.explicit, Phase.generate))
 @example(turn_rad=0.3, away=0.0)
 @given(turn_rad=st.floats(0.0, 2.0 * np.pi), away=st.sampled_from([0.0, 1.0, 40.0]))
 def test_outcomes_do_not_depend_on_the_angle(

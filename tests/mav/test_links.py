@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import mavutil
 
@@ -165,7 +165,6 @@ def test_what_is_no_link_is_refused(text: str, says: str) -> None:
     assert says in str(refused.value)
 
 
-@settings(deadline=None)
 @given(st.text(max_size=30), st.sampled_from(["", "udpin:", "tcp:", "serial:"]))
 def test_any_text_is_a_link_or_refused(text: str, kind: str) -> None:
     try:

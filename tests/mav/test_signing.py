@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ori_deploy.errors import FileError
@@ -79,7 +79,6 @@ def test_what_is_no_key_is_refused_and_not_shown(key_file: Make, content: bytes)
     assert len(content) < 12 or content.decode("latin-1") not in str(no.value)
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=100).filter(lambda b: len(b) != 32))
 def test_any_file_is_a_key_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     path = tmp_path_factory.mktemp("key") / "key"

@@ -132,9 +132,7 @@ class Flight(RuleBasedStateMachine):
 
 
 def _settings(examples: int) -> settings:
-    return settings(
-        max_examples=examples, stateful_step_count=12, deadline=None, suppress_health_check=list(HealthCheck)
-    )
+    return settings(max_examples=examples, stateful_step_count=12, suppress_health_check=list(HealthCheck))
 
 
 class TestFlight(Flight.TestCase):  # type: ignore[misc]

@@ -218,7 +218,7 @@ def test_a_structure_finds_its_own_mechanism() -> None:
     assert mechanism_of(cone("circular 6"), 0.4).size_m == pytest.approx(0.4)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     angle=st.floats(0.02, 1.25),
     aspect=st.floats(0.4, 1.0),

@@ -95,7 +95,7 @@ def test_transmission_is_the_slope(name: str) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_one_pose_and_many_are_the_same(data: st.DataObject) -> None:
     b = bars("ellipse 6 without wall")
     folds = np.array(data.draw(st.lists(st.lists(st.floats(0, 1), min_size=6, max_size=6), min_size=1, max_size=5)))
@@ -179,7 +179,7 @@ def test_matrices_are_the_motions(name: str) -> None:
     assert np.allclose(moved[..., 0] + 1j * moved[..., 1], (poses.turn * z + poses.shift).T)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     aspect=st.floats(0.4, 1.0),
     n=st.integers(3, 9),

@@ -19,7 +19,7 @@ def limits(n: int, v: float, a: float, crease: int = 2) -> tuple[np.ndarray, np.
     return velocity, acceleration
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     name=st.sampled_from(["wing", "ellipse 4", "ellipse 6 without wall", "two cells", "two inner vertices"]),
     v=st.floats(0.05, 5.0),

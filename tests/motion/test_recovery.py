@@ -22,7 +22,7 @@ TOLD, SLITS = retold(WING.mechanism.structure)  # type: ignore[arg-type]
 folds = st.lists(st.floats(0.0, 0.9), min_size=4, max_size=4).map(np.array)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(folds)
 def test_a_way_begins_where_the_cells_stand_and_ends_in_step(start: np.ndarray) -> None:
     assume(WING.first_collision(start[None]) is None)

@@ -129,7 +129,7 @@ def turned_about(point: Reals, axis: Reals, angle: float) -> Reals:
 
 
 @pytest.mark.parametrize(("name", "segments"), [("wing", 3), ("ellipse 7 off centre", 5), ("two inner vertices", 2)])
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_segments_turn_about_their_hinges(name: str, segments: int, data: st.DataObject) -> None:
     cut = folding(name, segments)
@@ -228,7 +228,7 @@ def rectangles(chain: SegmentChain, angles: Reals, row: int) -> list[shapely.Geo
     return shapes
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     signs=st.lists(st.sampled_from([1, -1]), min_size=2, max_size=4),
     parts=st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4),
@@ -269,7 +269,7 @@ def test_a_collision_between_two_free_poses_is_found(start: tuple[float, float],
     assert found.depth_m > chain.allowed_m
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     signs=st.lists(st.sampled_from([1, -1]), min_size=2, max_size=4),
     ends=st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8),
@@ -334,7 +334,7 @@ def test_brute_force_in_space_finds_nothing_in_step_and_a_wrong_hinge_at_once(na
         plan_span(wrong, 1.0, 1.0, 100.0)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(parts=st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))
 def test_brute_force_in_space_finds_no_more_than_the_check(parts: list[float]) -> None:
     cut = folding("ellipse 4", 4, 0.5)
@@ -346,7 +346,7 @@ def test_brute_force_in_space_finds_no_more_than_the_check(parts: list[float]) -
 # --- timing -----------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     velocity=st.floats(0.05, 50.0),
     acceleration=st.floats(0.05, 500.0),

@@ -96,7 +96,7 @@ def test_elliptic_cone_is_the_issues_curve() -> None:
 
 
 @every
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_extremes_are_those_of_dense_samples(cone: Cone, data: st.DataObject) -> None:
     start = data.draw(st.floats(-1.0, 1.0)) * cone.period
@@ -110,7 +110,7 @@ def test_extremes_are_those_of_dense_samples(cone: Cone, data: st.DataObject) ->
 
 
 @every
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(first=st.floats(0.0, 1.0), part=st.floats(0.01, 0.35))
 def test_steepest_is_the_largest_angle_seen_from_a_crease(cone: Cone, first: float, part: float) -> None:
     start, stop = first * cone.period, (first + part) * cone.period
@@ -209,7 +209,7 @@ def test_another_description_is_refused() -> None:
         cone_from_description({**Cone.of_half_angle(0.5).describe(), "apex_m": "here"})
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(corner=st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9))
 def test_excess_is_the_sum_of_the_angles_less_pi(corner: list[float]) -> None:
     a, b, c = unit(np.array(corner).reshape(3, 3) + np.array([0.0, 0.0, 2.5]))

@@ -108,7 +108,7 @@ def test_arc_fraction_is_a_fraction_of_the_length(profile: Profile, fraction: fl
 
 
 @families
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_extreme_finds_the_highest_point_of_any_arc(profile: Profile, data: st.DataObject) -> None:
     start = data.draw(st.floats(-1.0, 1.0)) * profile.period
@@ -126,7 +126,7 @@ def test_extreme_finds_the_highest_point_of_any_arc(profile: Profile, data: st.D
 
 
 @families
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(data=st.data())
 def test_samples_keep_their_sagitta_and_every_corner(profile: Profile, data: st.DataObject) -> None:
     start = data.draw(st.floats(0.0, 1.0)) * profile.period

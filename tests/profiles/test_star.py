@@ -27,7 +27,7 @@ def test_what_is_star_shaped(profile: Profile) -> None:
     assert sees_all(profile, centre)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.lists(st.floats(0.5, 1.5), min_size=8, max_size=8), st.floats(0.0, 6.0))
 def test_drawn_outlines(radius: list[float], turn: float) -> None:
     """Any outline given by a radius over the angle is star-shaped, and what is found sees all of it."""

@@ -127,7 +127,7 @@ def rings(draw: st.DrawFn) -> tuple[Embedding, float]:
     return place, wall_m
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(rings())
 def test_derivatives_on_drawn_rings(drawn: tuple[Embedding, float]) -> None:
     problem, x = problem_at(*drawn)

@@ -93,7 +93,7 @@ def test_scaling_the_profile_scales_the_solution(profile: Profile, factor: float
     assert {a for a in other.active if "wall" not in a} == {a for a in one.active if "wall" not in a}
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(seed=st.integers(0, 1000), wall=st.sampled_from([0.0, 0.01]), n=st.integers(4, 6))
 def test_a_mirrored_start_leads_to_a_mirrored_solution(seed: int, wall: float, n: int) -> None:
     begin = start_embedding(ELLIPSE, ring_layout(n), 2, seed)

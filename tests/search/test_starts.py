@@ -17,7 +17,7 @@ PROFILES = {"ellipse": ELLIPSE, "wing": WING, "peanut": peanut()}
 TREES = [tree for k in (3, 4, 5) for tree in layouts(k)]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.sampled_from(sorted(PROFILES)), st.sampled_from(TREES), st.integers(0, 6), st.integers(0, 99))
 def test_outline_vertices_are_in_the_order_the_cells_say(name: str, tree: object, start: int, seed: int) -> None:
     profile, layout = PROFILES[name], layout_of(tree)  # type: ignore[arg-type]

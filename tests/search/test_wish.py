@@ -198,7 +198,7 @@ def test_a_spar_with_one_cell_on_a_side_is_refused() -> None:
 
 
 @given(k=st.integers(0, 10**6), which=st.sampled_from(["ellipse", "wing", "peanut"]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_nearest_parameter_is_that_of_a_fine_grid(k: int, which: str) -> None:
     profile = {"ellipse": ELLIPSE, "wing": WING, "peanut": PEANUT}[which]
     s = profile.period * k / 1e6

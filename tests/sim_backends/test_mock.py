@@ -51,7 +51,7 @@ def run_with_polls(polls: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return bus.true_shaft_rad, bus.true_output_rad, bus.read_health().temperature_c
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(0.0, 0.0999), max_size=20))
 def test_what_happens_does_not_depend_on_how_often_one_looks(polls: list[float]) -> None:
     for watched, alone in zip(run_with_polls(polls), run_with_polls([]), strict=True):

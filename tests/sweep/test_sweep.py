@@ -76,7 +76,7 @@ def table(path: Path) -> list[dict[str, Any]]:
 # --- the grid ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     axes=st.dictionaries(
         st.sampled_from(["profile.a_m", "profile.b_m", WALLS, "layout.ring.phase_rad"]),
@@ -407,7 +407,7 @@ class Prompt:
         """There is nothing under way."""
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     count=st.integers(1, 12),
     width=st.integers(1, 5),

@@ -235,7 +235,7 @@ def campaign(seed: int) -> Callable[[Flight], None]:
 
 @given(st.integers(0, 2**32), st.sampled_from(["stowed", "deployed"]))
 @example(1, "stowed")
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 def test_whatever_an_operator_does_is_decided_the_same_again(seed: int, start: str) -> None:
     f, pieces = flown(PLAN, campaign(seed), start, latch=LATCHES, controller={"settle_timeout_s": 0.4})
     done = replay(pieces, f.plan, f.rig)
@@ -245,7 +245,7 @@ def test_whatever_an_operator_does_is_decided_the_same_again(seed: int, start: s
 
 @pytest.mark.slow
 @given(st.integers(0, 2**32), st.sampled_from(["stowed", "deployed"]))
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow])
 def test_whatever_many_operators_do_is_decided_the_same_again(seed: int, start: str) -> None:
     test_whatever_an_operator_does_is_decided_the_same_again.hypothesis.inner_test(seed, start)
 

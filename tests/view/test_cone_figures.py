@@ -29,7 +29,7 @@ def area(z: np.ndarray) -> float:
     return 0.5 * float((np.conj(z) * np.roll(z, -1)).imag.sum())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(angles=st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4))
 def test_distances_and_directions_from_the_middle_are_true(angles: list[float]) -> None:
     a, b, c, d = angles

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v10 import common as theirs_1
 from pymavlink.dialects.v20 import ardupilotmega as theirs
@@ -74,7 +74,6 @@ def test_our_own_messages_are_read() -> None:
     assert (found.angle, found.first, found.total, found.count) == ([0.5] * 16, 16, 18, 2)
 
 
-@settings(deadline=None)
 @given(cut=st.lists(st.integers(0, 400), max_size=8), signed=st.booleans())
 def test_pieces_make_no_difference(cut: list[int], signed: bool) -> None:
     key = signing() if signed else None
@@ -93,7 +92,6 @@ def test_pieces_make_no_difference(cut: list[int], signed: bool) -> None:
     assert whole.counts.unknown == 1
 
 
-@settings(deadline=None)
 @given(data=st.binary(max_size=600), signed=st.booleans(), step=st.sampled_from([b"", b"\xfd", b"\xfe"]))
 def test_bytes_never_raise(data: bytes, signed: bool, step: bytes) -> None:
     reader = Reader(signing() if signed else None)
@@ -103,7 +101,6 @@ def test_bytes_never_raise(data: bytes, signed: bool, step: bytes) -> None:
     assert reader.waiting <= 2 * 280
 
 
-@settings(deadline=None)
 @given(noise=st.lists(st.binary(max_size=60), min_size=4, max_size=4))
 def test_noise_between_frames_loses_none(noise: list[bytes]) -> None:
     """Behind a whole frame noise that begins like an unknown message is taken for one, if a frame follows it."""
@@ -116,7 +113,6 @@ def test_noise_between_frames_loses_none(noise: list[bytes]) -> None:
     assert reader.counts.frames == 3
 
 
-@settings(deadline=None)
 @given(at=st.integers(0, 200), bit=st.integers(0, 7), signed=st.booleans())
 def test_a_flipped_bit_is_no_message(at: int, bit: int, signed: bool) -> None:
     (good,) = frames((DEPLOY,), signing() if signed else None)
@@ -237,7 +233,6 @@ def test_a_wrong_key_is_dropped_and_counted() -> None:
         assert key.timestamp == 0
 
 
-@settings(deadline=None)
 @given(at=st.integers(1, 13), bit=st.integers(0, 7))
 def test_a_signature_with_a_flipped_bit_is_dropped_and_counted(at: int, bit: int) -> None:
     (good,) = frames((DEPLOY,), signing())

@@ -20,10 +20,11 @@ import serial
 from click.testing import CliRunner
 
 from ori_deploy.errors import InputError
-from sim_backends.dynamixel.launcher import PRIORITY, VirtualBusError
+from sim_backends.dynamixel.launcher import VirtualBusError
 from sim_backends.dynamixel.plug import claim
 from sim_backends.dynamixel.process import Process
 from sim_backends.dynamixel_bus import BusSpec, ServoSpec, VirtualBus, main
+from sim_backends.priority import PRIORITY
 from tests.sim_backends.dynamixel.wire import BROADCAST, Status, frame, slow_crc, statuses, word
 
 BAUD = 1_000_000

@@ -47,7 +47,7 @@ def test_panels_are_where_the_mechanism_has_them(name: str) -> None:
             np.testing.assert_allclose(world.angles, angles, atol=1e-12)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     n=st.integers(3, 7),
     aspect=st.floats(0.5, 1.0),
