@@ -89,7 +89,8 @@ class StandingOrders:
         IllegalCommand
             As the controller, and in the cycle of the fault itself: that the order has failed is told first.
         """
-        if self._running and self._controller.state is State.FAULT:
+        failed = self._controller.state is State.FAULT and not self._controller.under_way
+        if self._running and failed:
             because = "the order that failed is not over before the next cycle; remedy: give it again"
             raise IllegalCommand(self._controller.state, Event.CLEAR_FAULT, because)
         self._controller.clear_fault()

@@ -30,5 +30,7 @@ def test_a_plan_of_which_no_panels_could_meet_is_written_and_read(tmp_path: Path
 
 def test_where_all_share_creases_there_is_no_clearance() -> None:
     interference = Interference(mechanism_of(shapes.structure("one cell")))
-    found = interference.clearance(np.array([0.5]))
-    assert (found.panels != ("", "")) == np.isfinite(found.distance_m)
+    assert np.isfinite(interference.clearance(np.array([0.5])).distance_m)
+    vars(interference)["hinged"] = np.ones_like(interference.hinged)
+    none = interference.clearance(np.array([0.5]))
+    assert (none.distance_m, none.panels) == (np.inf, ("", ""))

@@ -238,7 +238,7 @@ class BlockingPort:
         return bytes(self._buffer)
 
     def goes_on(self, duration_s: float) -> bool:
-        """Whether another status packet follows that nobody asked for, and that none is owed if it does not."""
+        """Whether another status packet follows that nobody asked for; if none does, none is waited for later."""
         self.expected = self.heard + 1
         self.give(duration_s)
         found = bool(self.next_frame())
