@@ -25,6 +25,14 @@ def slept(seconds: float) -> float:
     return seconds
 
 
+def begun_and_slept(work: tuple[float, Path | None]) -> float:
+    """Leaves a mark before it sleeps."""
+    seconds, mark = work
+    if mark is not None:
+        mark.touch()
+    return slept(seconds)
+
+
 def killed_at_first(place: tuple[Path, int]) -> int:
     """Ends its process the first time it is at the number 3."""
     folder, number = place
@@ -86,18 +94,22 @@ def test_what_ends_two_processes_is_given_up_and_the_rest_is_done() -> None:
     assert lost == [(3, "killed by signal 9")]
 
 
-def test_an_interrupt_takes_what_finishes_soon() -> None:
+def test_an_interrupt_takes_what_finishes_soon(tmp_path: Path) -> None:
+    begun, soon = tmp_path / "begun", 0.3
     taken: list[float] = []
     heard: list[str] = []
 
     def take(seconds: float) -> None:
         taken.append(seconds)
         if len(taken) == 1:
+            while not begun.exists():  # what has not begun is not waited for
+                time.sleep(0.001)
             os.kill(os.getpid(), signal.SIGINT)
 
+    work = [(0.0, None), (soon, begun), *[(AGES, None)] * 50]
     with pytest.raises(KeyboardInterrupt):
-        Processes(slept, 2, take, refused, lambda: heard.append("stopping")).carry_out([0.0, 0.3, *[AGES] * 50])
-    assert sorted(taken) == [0.0, 0.3]
+        Processes(begun_and_slept, 2, take, refused, lambda: heard.append("stopping")).carry_out(work)
+    assert sorted(taken) == [0.0, soon]
     assert heard == ["stopping"]
 
 
