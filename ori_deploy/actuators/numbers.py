@@ -16,7 +16,7 @@ Fraction = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False, strict=True)]
 Name = Annotated[StrictStr, Field(min_length=1)]
 Count = Annotated[int, Field(ge=0, strict=True)]
 
-STRICT = ConfigDict(extra="forbid")
+STRICT = ConfigDict(extra="forbid", defer_build=True)
 
 
 @dataclass(frozen=True)

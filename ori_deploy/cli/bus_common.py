@@ -23,7 +23,7 @@ from ori_deploy.cli.frame import IN, nothing_moved
 from ori_deploy.errors import InputError, RigError
 from ori_deploy.wire.dynamixel import BAUD_CODES
 
-BENCH_SLACK_S = 0.03
+BENCH_SLACK_S = 0.05
 """How late an answer may come at the bench, where nobody is in a hurry."""
 
 _F = TypeVar("_F", bound=Callable[..., Any])

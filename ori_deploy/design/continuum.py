@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import gammaln
 
 from ori_deploy.errors import ProfileError
 from ori_deploy.profiles import Profile
@@ -318,6 +317,8 @@ def superellipse_table(aspects: ArrayLike, exponents: ArrayLike) -> Reals:
                 limit=f"> {least:g}",
                 remedy="mend them",
             )
+    from scipy.special import gammaln  # loaded by those who need it only: it takes 0.1 s
+
     gamma, m = aspect[:, None], exponent[None, :]
     p = (2.0 / m)[..., None]
     angle, weight = _tanh_sinh(0.25 * np.pi)

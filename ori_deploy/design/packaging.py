@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ori_deploy.profiles import xy
 from ori_deploy.profiles.profile import Points
@@ -21,6 +20,8 @@ def box_axis(points: Points) -> complex:
 
     One side of it lies on a side of the convex hull, so every hull side is tried.
     """
+    from scipy.spatial import ConvexHull  # loaded by those who need it only: it takes 0.1 s
+
     hull = points[ConvexHull(xy(points)).vertices]
     side = np.roll(hull, -1) - hull
     axis = side / np.abs(side)

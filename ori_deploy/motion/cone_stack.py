@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from ori_deploy.design.packaging import box_axis
 from ori_deploy.profiles.profile import Reals
@@ -43,6 +42,8 @@ def stack_box(outlines: tuple[Vectors, ...], r_min_m: float, r_max_m: float) -> 
     r_min_m, r_max_m
         Radii, metres.
     """
+    from scipy.spatial import ConvexHull  # loaded by those who need it only: it takes 0.1 s
+
     start = np.concatenate(outlines)
     stop = np.concatenate([np.roll(o, -1, axis=0) for o in outlines])
     owner = np.repeat(np.arange(len(outlines)), [len(o) for o in outlines])
@@ -87,6 +88,8 @@ def _volume(points: Reals, axes: Reals) -> float:
 
 def _starts(points: Reals) -> list[Reals]:
     """Boxes that stand on faces of the hull, thin ones first."""
+    from scipy.spatial import ConvexHull
+
     normals = ConvexHull(points).equations[:, :3]
     order = np.argsort(np.ptp(points @ normals.T, axis=0), kind="stable")
     chosen: list[Reals] = []

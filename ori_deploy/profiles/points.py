@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from ori_deploy.errors import ProfileError
 from ori_deploy.profiles.naca import chord_crossing
@@ -115,6 +114,8 @@ def _polygon(z: Points, knots: Reals) -> Points:
 
 def _spline(z: Points, knots: Reals) -> Points:
     """Cubic coefficients (4, n) of a spline that is C2 except at corners."""
+    from scipy.interpolate import CubicSpline  # loaded by those who need it only: it takes 0.3 s
+
     edge = np.diff(np.append(z, z[0]))
     turn = np.abs(np.angle(edge / np.roll(edge, 1)))
     # Sparse samples of a smooth curve turn by much everywhere, a corner by much more than its neighbours.

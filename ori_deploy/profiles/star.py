@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
 
 from ori_deploy.profiles.profile import Profile
 
@@ -17,6 +16,8 @@ def star_centre(profile: Profile) -> complex | None:
     -------
     None where no place sees all of the outline: the profile is not star-shaped.
     """
+    from scipy.optimize import linprog  # loaded by those who need it only: it takes 0.2 s
+
     at = np.concatenate([profile.table_s, profile.corners])
     point = np.concatenate([profile.point(at)] * 2)
     normal = 1j * np.concatenate(profile.tangents(at))

@@ -35,7 +35,7 @@ def status(servo_id: int, data: bytes = b"", error: int = 0) -> bytes:
 class ScriptedPort:
     """Answers every packet that the host sends with what `answer` makes of it; None closes the line."""
 
-    def __init__(self, answer: Callable[[bytes], bytes | None], slack_s: float = 0.03) -> None:
+    def __init__(self, answer: Callable[[bytes], bytes | None], slack_s: float = 0.2) -> None:
         self._answer = answer
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
