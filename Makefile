@@ -8,6 +8,8 @@ STAMP := $(VENV)/.installed
 # The tests' ground station. Without its windows it needs no more than the project has already; what it depends on
 # for them (vtk, opencv) is 750 MB.
 MAVPROXY := MAVProxy==1.8.75
+# Images of containers often forbid Python to keep what it compiled. Commands and tests start by the hundred here.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo figures docs install browser-tools firmware-tools test test-fast campaign bench lint clean
 

@@ -18,7 +18,6 @@ from tests.oracle.fold import clash, overlap_depth, placed
 from tests.shapes import structure, wing
 
 WING = Interference(Mechanism(structure("wing")))
-TOLD, SLITS = retold(WING.mechanism.structure)  # type: ignore[arg-type]
 folds = st.lists(st.floats(0.0, 0.9), min_size=4, max_size=4).map(np.array)
 
 
@@ -38,10 +37,11 @@ def test_a_way_begins_where_the_cells_stand_and_ends_in_step(start: np.ndarray) 
 )
 def test_no_pose_of_a_way_clashes_by_the_oracle_either(start: list[float]) -> None:
     way = find_recovery(WING, np.array(start))
+    told, slits = retold(WING.mechanism.structure)  # type: ignore[arg-type]
     for a, b in pairwise(way.fold):
         for part in np.linspace(0.0, 1.0, 7):
             fold = a + part * (b - a)
-            assert clash(placed(TOLD, list(fold), SLITS, 120)).depth < 1.3 * WING.allowed_m
+            assert clash(placed(told, list(fold), slits, 120)).depth < 1.3 * WING.allowed_m
 
 
 @pytest.mark.slow
