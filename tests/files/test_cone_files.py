@@ -108,7 +108,7 @@ def test_poses_are_rigid_motions_about_the_apex_in_the_users_coordinates(name: s
 
 def test_an_edited_design_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "d.json"
-    original = save_design(Design("cone", 0.9, cone("circular 6"), r_min_m=0.1), path)
+    original = save_design(Design("cone", 0.9, cone("two cells"), r_min_m=0.1), path)
     for key, value in (
         ("r_max_m", 2.0),
         ("span_m", -1.0),

@@ -45,7 +45,7 @@ def unturned(kind: Kind, sides: int, phase: float, wall: float) -> Any:
 @pytest.mark.parametrize("wall", [0.0, 0.004])
 @pytest.mark.parametrize(
     ("kind", "sides"),
-    [("cylinder", 3), ("cylinder", 4), ("cone", 4), pytest.param("cone", 3, marks=pytest.mark.slow)],
+    [("cylinder", 3), ("cylinder", 4), *(pytest.param("cone", k, marks=pytest.mark.slow) for k in (3, 4))],
 )
 @settings(max_examples=6, phases=(Phase.explicit, Phase.generate))
 @example(turn_rad=0.3, away=0.0)

@@ -19,7 +19,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 HELIX, SPIRAL = EXAMPLES / "antenna_helix.toml", EXAMPLES / "antenna_conical_spiral.toml"
 
 
-@pytest.fixture(scope="module", params=[HELIX, SPIRAL], ids=["helix", "spiral"])
+@pytest.fixture(scope="module", params=[HELIX, pytest.param(SPIRAL, marks=pytest.mark.slow)], ids=["helix", "spiral"])
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     path = tmp_path_factory.mktemp("strip") / "antenna.design.json"
     make_design(request.param, path)
