@@ -132,7 +132,8 @@ class ConeFaces:
         meet = cross(pole[:, [3, 1]], pole[:, [0, 2]])
         size = length(meet)
         angle = np.pi - np.arctan2(size, dot(pole[:, [3, 1]], pole[:, [0, 2]]))
-        v = meet / size[..., None]
+        with np.errstate(invalid="ignore"):  # faces that lie on each other meet nowhere; such cells are refused
+            v = meet / size[..., None]
         at = v[:, [0, 1, 1, 0]]
         # The face's direction at its foot does not change with the offset.
         along = cross(self.pole, self.opening[:, _OF_FACE])
