@@ -53,9 +53,9 @@ def test_unit_tests_and_a_short_fuzz_run_pass() -> None:
 
 @pytest.mark.slow
 def test_nine_of_ten_mutants_are_killed() -> None:
-    """Of every third; `make campaign` runs all."""
+    """Of every fifth; `make campaign` runs all."""
     needs("gcc", "gcc make")
-    done = make("mutate", 1800, "MUTANTS_EVERY=3")
+    done = make("mutate", 1800, "MUTANTS_EVERY=5")
     assert done.returncode == 0, done.stdout + done.stderr
 
 
