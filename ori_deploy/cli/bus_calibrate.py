@@ -157,12 +157,15 @@ def _measure(
 def _by_stop(line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits) -> Zero:
     with StopRequest() as stop:
         try:
-            return stop_zero(line, pong, hinge, limits, MonotonicClock(), lambda: stop.requested)
+            zero, why = stop_zero(line, pong, hinge, limits, MonotonicClock(), lambda: stop.requested), "at its stop"
         except NotCalibrated as ended:
             if not stop.requested:
                 raise
-            click.echo(f"interrupted: {ended}; it is limp, and nothing was written", err=True)
+            zero, why = None, str(ended)
+        if zero is None or stop.requested:  # an interrupt at the stop itself ends it too: no other hinge may move
+            click.echo(f"interrupted: {why}; it is limp, and nothing was written", err=True)
             sys.exit(EXIT_INTERRUPTED)
+        return zero
 
 
 def _let_go(line: ServoLine, pongs: list[Pong], *, yes: bool) -> None:
