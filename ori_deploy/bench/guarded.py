@@ -8,7 +8,7 @@ from typing import Self
 
 from ori_deploy.actuators.bus import ActuatorFault, BusError, CommandRefused
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
-from ori_deploy.actuators.dynamixel.startup import read, write
+from ori_deploy.actuators.dynamixel.startup import mark_of, read, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.meaning import error_words
 from ori_deploy.bench.servos import Snapshot, known_model, snapshot
@@ -201,6 +201,9 @@ class Guarded:
     def _put(self, register: Register, value: int) -> None:
         if self.read(register) == value:
             return
+        if register in (self.table.operating_mode, self.table.drive_mode):
+            mark = mark_of(self.model)
+            self.write(mark, mark.default)  # such a change may forget the turns that somebody vouched for
         self.write(register, value)
         kept = self.read(register)
         if kept != value:
