@@ -81,6 +81,12 @@ class Page:
         return np.column_stack(self.live._recent[CREASES].curves.y)
 
     @property
+    def is_dimensioned(self) -> bool:
+        """Whether the section's drawing, or the table under it, tells a size."""
+        shown = (self.viewer._section, self.viewer._sized)
+        return any(one is None or " mm" in one.content for one in shown)
+
+    @property
     def is_grey(self) -> bool:
         return set(self.shown._look.values()) == {None}
 
@@ -116,14 +122,13 @@ def test_without_readings_nothing_is_told_of_the_structure(page: Page, how: str)
     assert until(lambda: page.live._verdict is not None)
     assert page.known_of_latches() == {"closed"}
     assert not page.is_grey
+    assert until(lambda: page.is_dimensioned)
     assert not np.isnan(page.angles()).any()
     page.ask(without(page, how), 3)
     assert page.known_of_latches() == {UNKNOWN}
     assert page.said("Not measured")
     assert until(lambda: page.live._verdict is None)
-    for section in (page.viewer._section, page.viewer._sized):
-        assert section is not None
-        assert " mm" not in section.content
+    assert until(lambda: not page.is_dimensioned)
     assert until(lambda: page.is_grey)
     assert np.isnan(page.angles()[-1]).all()
     assert not any("latches" in fact for fact in page.told.news[-1].get("facts", []))
