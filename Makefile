@@ -54,9 +54,10 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Every mutant of the firmware; every fault in every stage on every backend, then an hour's soak in simulated time.
-# More than an hour.
+# The fast suite's properties with other examples than always; every mutant of the firmware; every fault in every
+# stage on every backend, then an hour's soak in simulated time. More than an hour.
 campaign: install firmware-tools
+	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist worksteal -m 'not slow' --hypothesis-profile other
 	$(MAKE) -C firmware mutate
 	$(BIN)/python -m tests.campaign
 

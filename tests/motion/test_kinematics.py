@@ -195,9 +195,12 @@ def test_any_ring_moves_rigidly_and_folds_flat(
     except CellError:
         assume(False)
     fold = np.array([data.draw(st.lists(st.floats(0.0, 1.0), min_size=n, max_size=n)), [0.0] * n, [1.0] * n])
-    angles = FourBars.of(s.cells).angles(fold)
+    four_bars = FourBars.of(s.cells)
+    angles = four_bars.angles(fold)
     assert np.allclose(angles.sum(axis=-1), 2.0 * np.pi, atol=1e-12)
-    assert np.abs(angles[1] - FLAT).max() < 1e-9
+    leaning = four_bars.lean[four_bars.lean > 0.0]  # where links hardly lean, how they lie when flat is a difference of equals
+    exact = 1e-9 + (4.0 * np.finfo(float).eps / leaning.min() if leaning.size else 0.0)
+    assert np.abs(angles[1] - FLAT).max() < exact
     assert np.allclose(angles[2], s.cells.angle, atol=1e-9)
     poses = Mechanism(s).poses(fold)
     assert np.abs(np.abs(poses.turn) - 1.0).max() < 1e-12

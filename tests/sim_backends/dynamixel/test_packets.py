@@ -16,8 +16,8 @@ COUNT = 2.0 * pi / 4096.0
 NOISY = st.lists(st.sampled_from((b"\xff", b"\xfd", b"\x00", b"\xff\xff\xfd", b"\x55", b"\x01")), max_size=60)
 BODIES = st.one_of(st.binary(min_size=1, max_size=120), NOISY.map(lambda parts: b"\x03" + b"".join(parts)))
 TARGETS = st.integers(0, 252) | st.just(BROADCAST)
-fixed = settings(derandomize=True, max_examples=30)
-few = settings(derandomize=True, max_examples=12)
+fixed = settings(max_examples=30)
+few = settings(max_examples=12)
 
 
 def hexes(text: str) -> bytes:
