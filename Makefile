@@ -10,6 +10,8 @@ STAMP := $(VENV)/.installed
 MAVPROXY := MAVProxy==1.8.75
 # Images of containers often forbid Python to keep what it compiled. Commands and tests start by the hundred here.
 export PYTHONDONTWRITEBYTECODE :=
+# As commands do for themselves: matrices here are small, and workers have use for every processor.
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo figures docs install browser-tools firmware-tools test test-fast campaign bench lint clean
 

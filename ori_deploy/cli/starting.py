@@ -1,4 +1,4 @@
-"""Ctrl-C while the program is still being loaded, which takes a second or two: no traceback of somebody's import."""
+"""How a command starts: what must be so before numpy is loaded, and Ctrl-C while programs are being loaded."""
 
 from __future__ import annotations
 
@@ -12,9 +12,18 @@ from types import FrameType
 _INTERRUPTED = 130
 
 
+def keep_to_one_thread() -> None:
+    """Have linear algebra use one thread, unless the environment says otherwise; numpy reads it when it is loaded.
+
+    Matrices here are of a few rows: more threads only wait for one another, on processors that motions in real time,
+    or the search's own processes, have use for. Nor do sums depend on how many processors there are.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 @contextmanager
 def quiet_interrupts() -> Iterator[None]:
-    """Until the end of the block an interrupt ends the process in one line.
+    """Until the end of the block an interrupt ends the process in one line: no traceback of somebody's import.
 
     Does nothing where interrupts are ignored or somebody else's business already, nor outside the main thread.
     """

@@ -198,7 +198,8 @@ def test_any_ring_moves_rigidly_and_folds_flat(
     four_bars = FourBars.of(s.cells)
     angles = four_bars.angles(fold)
     assert np.allclose(angles.sum(axis=-1), 2.0 * np.pi, atol=1e-12)
-    leaning = four_bars.lean[four_bars.lean > 0.0]  # where links hardly lean, how they lie when flat is a difference of equals
+    leaning = four_bars.lean[four_bars.lean > 0.0]
+    # Where links hardly lean, how they lie when flat is a difference of numbers that are nearly equal.
     exact = 1e-9 + (4.0 * np.finfo(float).eps / leaning.min() if leaning.size else 0.0)
     assert np.abs(angles[1] - FLAT).max() < exact
     assert np.allclose(angles[2], s.cells.angle, atol=1e-9)
