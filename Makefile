@@ -38,10 +38,10 @@ $(STAMP): pyproject.toml setup.py tools/generate_codecs.py ori_deploy/wire/ori_d
 
 # The fast suite, then what is marked slow.
 test: test-fast
-	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist worksteal -m slow
+	$(BIN)/python tools/run_suite.py $(PYTEST_WORKERS) slow
 
 test-fast: install browser-tools firmware-tools lint
-	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist worksteal -m 'not slow'
+	$(BIN)/python tools/run_suite.py $(PYTEST_WORKERS) 'not slow'
 
 # Chromium, from Debian; without it the page's tests in a browser are skipped.
 browser-tools:
