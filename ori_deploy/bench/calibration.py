@@ -107,12 +107,15 @@ class Zero:
         Spread of the readings.
     zero_rad
         What goes into the rig.
+    turns_forgotten
+        Somebody had vouched for the servo's turns, and has to do so again.
     """
 
     hinge: HingeZero
     shaft_rad: float
     scatter_rad: float
     zero_rad: float
+    turns_forgotten: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,10 +232,11 @@ def held_zero(line: ServoLine, pong: Pong, hinge: HingeZero, clock: Clock) -> Ze
                 f"{name}: torque is on; limit: limp, or it holds what nobody chose; "
                 f"remedy: ori-deploy bus torque-off {pong.id}, with the structure held by hand"
             )
+        turns = _turns(servo)
         servo.set(servo.table.drive_mode, 0)  # as the controller will have it: not reversed
         position, spread = steady([servo.look().position_rad for _ in range(READINGS)], name)
         wrap = servo.read(servo.table.operating_mode) != OperatingMode.POSITION
-    return _zero(line, pong, hinge, position, spread, wrap=wrap)
+    return _zero(line, pong, hinge, position, spread, wrap=wrap, turns=turns)
 
 
 def stop_zero(
@@ -253,13 +257,31 @@ def stop_zero(
         The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
     """
     with Guarded(line, pong, clock) as servo:
+        turns, found = _turns(servo), servo.read(servo.table.present_position)
         effort_limit = _limit_force(servo, limits)
+        lost = round((found - servo.read(servo.table.present_position)) / COUNTS_PER_TURN)
         servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
         servo.hold()
         detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
         position, spread = detector.position_rad, detector.scatter_rad
         _back_off(servo, position - hinge.towards * BACK_OFF_RAD)
-    return _zero(line, pong, hinge, position, spread, wrap=True)
+    if turns.known:
+        position += lost * TURN  # those that the change of mode made it forget
+    return _zero(line, pong, hinge, position, spread, wrap=True, turns=turns)
+
+
+@dataclass(frozen=True, slots=True)
+class _Turns:
+    """Whether somebody had vouched for a servo's turns, and whether its readings are of these turns."""
+
+    vouched: bool
+    known: bool
+
+
+def _turns(servo: Guarded) -> _Turns:
+    """To be asked before anything is set: whoever changes a mode takes the word back."""
+    vouched = servo.read(mark_of(servo.model)) == MARK_ADDRESS
+    return _Turns(vouched, known=vouched and servo.read(servo.table.drive_mode) == 0)
 
 
 def _limit_force(servo: Guarded, limits: Limits) -> float:
@@ -357,15 +379,21 @@ def _effort(seen: Snapshot) -> float:
     return seen.current_a if seen.current_a is not None else seen.load or 0.0
 
 
-def _zero(line: ServoLine, pong: Pong, hinge: HingeZero, shaft_rad: float, spread: float, *, wrap: bool) -> Zero:
+def _zero(
+    line: ServoLine, pong: Pong, hinge: HingeZero, shaft_rad: float, spread: float, *, wrap: bool, turns: _Turns
+) -> Zero:
     """The zero, in the turn that the controller will find the servo in."""
+    model = known_model(pong)
     shaft = shaft_rad
     if wrap and hinge.servo.one_turn:
-        offset = read(line, pong.id, known_model(pong).table.homing_offset)
+        offset = read(line, pong.id, model.table.homing_offset)
         shaft += (as_switched_on(count_of(shaft_rad), offset) - count_of(shaft_rad)) * RAD_PER_COUNT
     zero = zero_rad(shaft, hinge.shaft_per_crease, hinge.crease_rad)
-    if not hinge.servo.one_turn and read(line, pong.id, mark_of(known_model(pong))) != MARK_ADDRESS:
+    if hinge.servo.one_turn:
+        return Zero(hinge, shaft, spread, zero)
+    forgotten = turns.vouched and read(line, pong.id, mark_of(model)) != MARK_ADDRESS
+    if not turns.known:
         # Its turns are anybody's guess until somebody vouches for them, which is done from the rig's zero.
         nearest = nearest_turn(zero, hinge.old_zero_rad)
-        return Zero(hinge, shaft + nearest - zero, spread, nearest)
-    return Zero(hinge, shaft, spread, zero)
+        return Zero(hinge, shaft + nearest - zero, spread, nearest, forgotten)
+    return Zero(hinge, shaft, spread, zero, forgotten)

@@ -26,7 +26,7 @@ from ori_deploy.bench.calibration import (
 from ori_deploy.bench.servos import torque_off
 from ori_deploy.cli.bus_common import Place, confirm, place, tell_json
 from ori_deploy.cli.bus_rig import DECIMALS, check_new, from_template, save_rig, with_zeros
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example, warn
 from ori_deploy.cli.session import StopRequest, rig_for
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError, RigError
@@ -151,6 +151,11 @@ def _measure(
                     raise
             found.append(zero)
             click.echo(f"{name}: zero_rad {hinge.old_zero_rad:.6f}, found {zero.zero_rad:.6f}", err=True)
+            if zero.turns_forgotten:
+                warn(
+                    f"{hinge.servo.name}, of more than one turn, has forgotten its turns: "
+                    "say --stands stowed or --stands deployed with the next motion"
+                )
     return found
 
 

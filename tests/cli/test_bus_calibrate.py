@@ -14,10 +14,14 @@ import numpy as np
 import pytest
 from click.testing import Result
 
+from ori_deploy.actuators.dynamixel.line import ServoLine
+from ori_deploy.actuators.dynamixel.port import BlockingPort
+from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
+from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from sim_backends.dynamixel.from_rig import spec_from_rig
 from sim_backends.dynamixel_bus import VirtualBus
 from tests.cli.virtual import Running, command, document, is_one_line
@@ -370,6 +374,22 @@ def test_servos_of_many_turns_get_the_turn_that_the_rig_means(wing: Wing, tmp_pa
     assert done.exit_code == 0, done.output
     zeros = [hinge.zero_rad for hinge in load_rig(rig).hinge]
     assert zeros == pytest.approx(wing.rig.zero_rad + 2.0 * np.pi, abs=COUNT_RAD)
+
+
+def test_turns_that_a_walk_made_a_servo_forget_are_warned_of(wing: Wing, tmp_path: Path) -> None:
+    rig = wrong_rig(tmp_path)
+    rig.write_text(rig.read_text().replace("max_position_rad = 3.13", "max_position_rad = 10.0"))
+    words = ("--hinge", "c4", "--stop", "closing", "--speed", 150, "--yes")
+    with servos(wing, tmp_path, row=MIDDLE) as bus:
+        bus.set_register(4, "operating_mode", OperatingMode.EXTENDED_POSITION)
+        port = BlockingPort(str(bus.link), wing.rig.wiring.settings.baud if wing.rig.wiring else 0, slack_s=0.05)
+        port.open()
+        write(ServoLine(port), 4, mark_of(model_named("xm430")), MARK_ADDRESS)
+        port.close()
+        first, second = (calibrate(wing, rig, bus, *words) for _ in range(2))
+    assert first.exit_code == second.exit_code == 0, first.output
+    assert "warning: servo_4, of more than one turn, has forgotten its turns: say --stands" in first.stderr
+    assert "warning" not in second.stderr
 
 
 def test_bad_words_are_refused_before_the_port_is_opened(wing: Wing, tmp_path: Path) -> None:

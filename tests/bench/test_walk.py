@@ -1,0 +1,87 @@
+"""Hinges walked against their stops: virtual servos, in virtual time."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
+from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
+from ori_deploy.bench.calibration import HingeZero, Limits, Zero, held_zero, stop_zero
+from ori_deploy.wire.dynamixel import OperatingMode, model_named
+from sim_backends.dynamixel.spec import ServoSpec
+from tests.bench.servos import Bench
+
+XM = model_named("xm430")
+TURN = 2.0 * math.pi
+STOP_RAD = 3.6
+"""Where the shaft of these hinges is stopped: its first turn ends at 3.14."""
+
+LIMITS = Limits(speed_rad_s=2.0, current_a=None, max_temperature_c=70.0, min_voltage_v=10.0)
+
+
+def hinge(old_zero_rad: float = 0.0, way_rad: float = 2.0) -> HingeZero:
+    """One of several turns that stands at its stop where its crease is at 0."""
+    servo = HingeServo("servo_1", 1, XM, OperatingMode.EXTENDED_POSITION, -20_000, 20_000)
+    return HingeZero(servo, "c1", "close_a", -1.0, old_zero_rad, 0.0, way_rad)
+
+
+def several_turns(start_rad: float = 2.5) -> Bench:
+    """A servo that stands before the end of its first turn, which it counts on beyond."""
+    return Bench(ServoSpec(id=1, start_rad=start_rad, upper_stop_rad=STOP_RAD, load_nm=0.05))
+
+
+def vouch(bench: Bench, turns: int = 0) -> None:
+    """As `ori-deploy deploy --stands` leaves it."""
+    write(bench.line, 1, XM.table.operating_mode, OperatingMode.EXTENDED_POSITION)
+    write(bench.line, 1, XM.table.homing_offset, 4096 * turns)
+    write(bench.line, 1, mark_of(XM), MARK_ADDRESS)
+
+
+def vouched(bench: Bench) -> bool:
+    return bench.line.read(1, mark_of(XM)) == MARK_ADDRESS
+
+
+def by_stop(bench: Bench, one: HingeZero) -> Zero:
+    return stop_zero(bench.line, bench.pong(), one, LIMITS, bench.clock, lambda: False)
+
+
+def test_nobody_vouches_any_more_for_turns_that_a_calibration_lost() -> None:
+    with several_turns() as bench:
+        vouch(bench)
+        before = bench.shaft_rad() - bench.register("present_position") * RAD_PER_COUNT
+        zero = by_stop(bench, hinge())
+        after = bench.shaft_rad() - bench.register("present_position") * RAD_PER_COUNT
+        assert after - before == pytest.approx(TURN, abs=0.01)  # the mode came back, and it counts from its turn now
+        assert not vouched(bench)
+    assert zero.turns_forgotten
+
+
+def test_turns_that_were_vouched_for_are_those_of_the_zero() -> None:
+    """The old zero is one of other turns, and the servo knew better until its mode was changed."""
+    for turns in (0, 3):
+        with several_turns() as bench:
+            vouch(bench, turns)
+            zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD - 2 * TURN))
+        assert zero.zero_rad == pytest.approx(STOP_RAD + turns * TURN, abs=0.01)
+
+
+def test_turns_that_nobody_vouched_for_are_those_of_the_old_zero() -> None:
+    with several_turns() as bench:
+        write(bench.line, 1, XM.table.operating_mode, OperatingMode.EXTENDED_POSITION)
+        zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD - 2 * TURN))
+    assert zero.zero_rad == pytest.approx(STOP_RAD - 2 * TURN, abs=0.01)
+    assert not zero.turns_forgotten
+
+
+@pytest.mark.parametrize("reversed_before", [False, True])
+def test_a_held_pose_leaves_the_word_for_its_turns_unless_the_sense_had_to_be_changed(reversed_before: bool) -> None:
+    with several_turns() as bench:
+        vouch(bench, turns=2)
+        if reversed_before:
+            bench.servo().put(XM.table.drive_mode, 1)
+        zero = held_zero(bench.line, bench.pong(), hinge(old_zero_rad=2.5), bench.clock)
+        assert vouched(bench) is not reversed_before
+    assert zero.zero_rad == pytest.approx(2.5 if reversed_before else 2.5 + 2 * TURN, abs=0.01)
+    assert zero.turns_forgotten is reversed_before
