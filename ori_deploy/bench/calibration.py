@@ -264,7 +264,7 @@ def stop_zero(
         servo.hold()
         detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
         position, spread = detector.position_rad, detector.scatter_rad
-        _back_off(servo, position - hinge.towards * BACK_OFF_RAD)
+        _back_off(servo, hinge, position, stop)
     if turns.known:
         position += lost * TURN  # those that the change of mode made it forget
     return _zero(line, pong, hinge, position, spread, wrap=True, turns=turns)
@@ -335,8 +335,7 @@ def _walk(
     deadline = servo.clock.now() + 2.0 * farthest / limits.speed_rad_s + 5.0
     while not detector.at_stop(servo.clock.now(), seen.position_rad, _effort(seen)):
         way = abs(seen.position_rad - start)
-        if stop():
-            raise NotCalibrated(f"{name}: stopped before its stop was found")
+        _heed(stop, f"{name}: stopped before its stop was found")
         if way > farthest:
             raise NotCalibrated(
                 f"{name}: no stop within {math.degrees(way):.1f} deg of the shaft; "
@@ -357,12 +356,20 @@ def _walk(
     return detector
 
 
-def _back_off(servo: Guarded, goal_rad: float) -> None:
+def _back_off(servo: Guarded, hinge: HingeZero, stop_rad: float, stop: Callable[[], bool]) -> None:
     """Take the load off the stop; how far it gets does not matter."""
-    servo.aim(count_of(goal_rad))
+    name = f"{hinge.servo.name} (id {servo.id})"
+    goal = stop_rad - hinge.towards * BACK_OFF_RAD
+    _heed(stop, f"{name}: stopped at its stop, which it still leans on")
+    servo.aim(count_of(goal))
     deadline = servo.clock.now() + 2.0
-    while servo.clock.now() < deadline and abs(servo.look().position_rad - goal_rad) > 0.1 * BACK_OFF_RAD:
-        continue
+    while servo.clock.now() < deadline and abs(servo.look().position_rad - goal) > 0.1 * BACK_OFF_RAD:
+        _heed(stop, f"{name}: stopped while it backed off from its stop")
+
+
+def _heed(stop: Callable[[], bool], where: str) -> None:
+    if stop():
+        raise NotCalibrated(where)
 
 
 def _require_health(name: str, seen: Snapshot, hottest_c: float, lowest_v: float) -> None:

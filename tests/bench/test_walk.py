@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
-from ori_deploy.bench.calibration import HingeZero, Limits, Zero, held_zero, stop_zero
+from ori_deploy.bench.calibration import HingeZero, Limits, NotCalibrated, Zero, held_zero, stop_zero
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from sim_backends.dynamixel.spec import ServoSpec
 from tests.bench.servos import Bench
@@ -85,3 +86,19 @@ def test_a_held_pose_leaves_the_word_for_its_turns_unless_the_sense_had_to_be_ch
         assert vouched(bench) is not reversed_before
     assert zero.zero_rad == pytest.approx(2.5 if reversed_before else 2.5 + 2 * TURN, abs=0.01)
     assert zero.turns_forgotten is reversed_before
+
+
+def test_a_hinge_that_backs_off_from_its_stop_stops_where_it_is_when_told_to() -> None:
+    with several_turns() as bench:
+        farthest = [0.0]
+
+        def backing_off() -> bool:
+            """Once it has left the stop again."""
+            farthest.append(max(farthest[-1], bench.shaft_rad()))
+            return farthest[-1] > STOP_RAD - 0.01 and bench.shaft_rad() < STOP_RAD - 0.02
+
+        slow = replace(LIMITS, speed_rad_s=0.3)
+        with pytest.raises(NotCalibrated, match=r"servo_1 \(id 1\): stopped while it backed off"):
+            stop_zero(bench.line, bench.pong(), hinge(), slow, bench.clock, backing_off)
+        assert STOP_RAD - 0.08 < bench.shaft_rad() < STOP_RAD - 0.02
+        assert not bench.torque_on()
