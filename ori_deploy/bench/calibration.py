@@ -38,6 +38,9 @@ GENTLE = 0.15
 LEAD_RAD = 0.2
 """How far ahead of the shaft its goal may be: what it would jump by if the stop gave way."""
 
+TOUCHES = 2
+"""How often a stop is met before it is believed."""
+
 BACK_OFF_RAD = 0.1
 STILL_S = 0.4
 STILL_RAD = 0.005
@@ -116,6 +119,11 @@ class Zero:
     scatter_rad: float
     zero_rad: float
     turns_forgotten: bool = False
+
+    @property
+    def short_rad(self) -> float:
+        """How far before the place that the old zero means the shaft was measured; negative for beyond it."""
+        return self.hinge.towards * (self.hinge.old_zero_rad - self.zero_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +250,10 @@ def held_zero(line: ServoLine, pong: Pong, hinge: HingeZero, clock: Clock) -> Ze
 def stop_zero(
     line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits, clock: Clock, stop: Callable[[], bool]
 ) -> Zero:
-    """Walk a hinge against the stop at one end of its motion, and back off a little; the zero it gives.
+    """Walk a hinge against the stop at one end of its motion, twice, and back off a little; the zero it gives.
+
+    What gives way or only sticks is met at two places. What is as rigid as the stop, and before it each time,
+    cannot be told from it: that shows in `Zero.short_rad`, to whoever trusts the old zero.
 
     Parameters
     ----------
@@ -252,7 +263,8 @@ def stop_zero(
     Raises
     ------
     NotCalibrated
-        There is no stop within the motion, the servo gets hot or its supply sags, or `stop` says so.
+        There is no stop within the motion, or it is met at two places; the servo gets hot or its supply sags; or
+        `stop` says so.
     BusError
         The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
     """
@@ -262,12 +274,28 @@ def stop_zero(
         lost = round((found - servo.read(servo.table.present_position)) / COUNTS_PER_TURN)
         servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
         servo.hold()
-        detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
-        position, spread = detector.position_rad, detector.scatter_rad
-        _back_off(servo, hinge, position, stop)
+        places, spread = [], 0.0
+        for _ in range(TOUCHES):
+            detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
+            places.append(detector.position_rad)
+            spread = max(spread, detector.scatter_rad, max(places) - min(places))
+            _back_off(servo, hinge, places[-1], stop)
+        position = _one_place(places, f"{hinge.servo.name} (id {pong.id})")
     if turns.known:
         position += lost * TURN  # those that the change of mode made it forget
     return _zero(line, pong, hinge, position, spread, wrap=True, turns=turns)
+
+
+def _one_place(places_rad: Sequence[float], name: str) -> float:
+    """The middle of the places where a stop was met, if they are one."""
+    apart = max(places_rad) - min(places_rad)
+    if apart > SCATTER_RAD:
+        raise NotCalibrated(
+            f"{name}: stood still at places {math.degrees(apart):.2f} deg of the shaft apart; "
+            f"limit: {math.degrees(SCATTER_RAD):.2f} deg, as of one stop; "
+            "remedy: see what is in its way or makes it stick, then calibrate again"
+        )
+    return median(places_rad)
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,8 @@ def calibrate(
     """Find zero_rad of every hinge of RIG, and write it into the file; the old file is kept as RIG.bak.
 
     With --pose the servos are limp and you hold the structure in that pose of the plan. With --stop each hinge is
-    walked against its stop at that end, slowly and with little current, and let go of.
+    walked against its stop at that end, twice, slowly and with little current, and let go of. Something rigid that
+    blocks it before its stop is taken for the stop: compare what is printed with what the old zero had.
     """
     end = _end(pose, stop, current, speed)
     plan = load_plan(plan_file)
@@ -150,13 +151,20 @@ def _measure(
                     wrong.refused = not found  # those before it have been walked to their stops
                     raise
             found.append(zero)
-            click.echo(f"{name}: zero_rad {hinge.old_zero_rad:.6f}, found {zero.zero_rad:.6f}", err=True)
+            found_at = "" if limits is None else f"; {_against_old(zero)}"
+            click.echo(f"{name}: zero_rad {hinge.old_zero_rad:.6f}, found {zero.zero_rad:.6f}{found_at}", err=True)
             if zero.turns_forgotten:
                 warn(
                     f"{hinge.servo.name}, of more than one turn, has forgotten its turns: "
                     "say --stands stowed or --stands deployed with the next motion"
                 )
     return found
+
+
+def _against_old(zero: Zero) -> str:
+    """Where a stop was met: what blocks a hinge before its stop is seen by nothing else."""
+    where = "before" if zero.short_rad > 0.0 else "beyond"
+    return f"its stop {math.degrees(abs(zero.short_rad)):.2f} deg of the shaft {where} where the old zero has it"
 
 
 def _by_stop(line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits) -> Zero:

@@ -102,3 +102,30 @@ def test_a_hinge_that_backs_off_from_its_stop_stops_where_it_is_when_told_to() -
             stop_zero(bench.line, bench.pong(), hinge(), slow, bench.clock, backing_off)
         assert STOP_RAD - 0.08 < bench.shaft_rad() < STOP_RAD - 0.02
         assert not bench.torque_on()
+
+
+def test_what_gives_way_is_not_taken_for_the_stop() -> None:
+    with several_turns() as bench:
+        jammed = bench.bus.motors.jammed
+
+        def blocked_once() -> bool:
+            """Something holds it before its stop, and falls off when it backs off."""
+            if bench.shaft_rad() > 3.0 and not blocked:
+                blocked.append(True)
+                jammed[0] = True
+            elif bench.servo().rad_of(bench.register("goal_position")) < bench.shaft_rad() - 0.05:
+                jammed[0] = False
+            return False
+
+        blocked: list[bool] = []
+        with pytest.raises(NotCalibrated, match=r"servo_1.* at places 3\d\.\d\d deg of the shaft apart; limit: 0\.69 deg"):
+            stop_zero(bench.line, bench.pong(), hinge(), LIMITS, bench.clock, blocked_once)
+        assert blocked
+        assert not bench.torque_on()
+
+
+@pytest.mark.parametrize("off_rad", [0.05, -0.05])
+def test_a_stop_is_compared_with_what_the_old_zero_has(off_rad: float) -> None:
+    with several_turns() as bench:
+        zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD + off_rad))
+    assert zero.short_rad == pytest.approx(off_rad, abs=0.01)
