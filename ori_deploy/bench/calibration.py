@@ -18,6 +18,7 @@ from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, read, velocity_units
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
 from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of
+from ori_deploy.bench.jog import require_speed
 from ori_deploy.bench.meaning import PWM_FULL
 from ori_deploy.bench.servos import Snapshot, known_model
 from ori_deploy.clock import Clock
@@ -265,9 +266,12 @@ def stop_zero(
     NotCalibrated
         There is no stop within the motion, or it is met at two places; the servo gets hot or its supply sags; or
         `stop` says so.
+    CommandRefused
+        It cannot turn so fast; nothing moved.
     BusError
         The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
     """
+    require_speed(pong, limits.speed_rad_s)
     with Guarded(line, pong, clock) as servo:
         turns, found = _turns(servo), servo.read(servo.table.present_position)
         effort_limit = _limit_force(servo, limits)

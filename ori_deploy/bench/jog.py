@@ -15,7 +15,8 @@ from ori_deploy.bench.meaning import TIME_BASED, error_words
 from ori_deploy.bench.servos import Snapshot, known_model
 from ori_deploy.clock import Clock
 from ori_deploy.wire.dynamixel import OperatingMode, ServoModel
-from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, COUNTS_PER_TURN
+from ori_deploy.wire.dynamixel.models import RPM
+from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, COUNTS_PER_TURN, VELOCITY_UNIT_RPM
 
 LONG_WAY_RAD = 0.5 * math.pi
 """A longer move is made only after somebody has said that it is meant."""
@@ -25,8 +26,12 @@ NEAR_RAD = 0.035
 
 NEAR_WAY = 0.3
 ONE_STEP_RAD = 0.003
+HALF_A_COUNT = 0.5 * RAD_PER_COUNT
 STILL_S = 0.2
 """Shortest rest that is no slow motion: the slowest profile there is turns more than a step in it."""
+
+SLOWEST_RAD_S = VELOCITY_UNIT_RPM * RPM
+"""One step of a velocity profile; 0 would mean no limit."""
 
 PATIENCE_S = 3.0
 """What a move may take beyond half as long again as its way at its speed."""
@@ -103,7 +108,7 @@ def plan_move(
     ------
     CommandRefused
         The servo is not in a mode with a position goal, has a hardware error or a time-based profile, cannot go
-        so fast, or the goal or where it stands is beyond its limits.
+        so slowly or so fast, or the goal or where it stands is beyond its limits.
     """
     model = known_model(pong)
     table = model.table
@@ -118,23 +123,37 @@ def plan_move(
             f"servo {pong.id}: drive_mode has the time-based profile; limit: velocity-based, so that the speed is "
             "known; remedy: set drive_mode to 0 with DYNAMIXEL Wizard"
         )
-    if not 0.0 < speed_rad_s <= model.no_load_rad_s:
-        raise CommandRefused(
-            f"servo {pong.id}: --speed {math.degrees(speed_rad_s):g} deg/s; limit: above 0, at most "
-            f"{math.degrees(model.no_load_rad_s):.0f} deg/s, what an {model.name} does without load; "
-            "remedy: choose a slower speed"
-        )
+    speed = require_speed(pong, speed_rad_s)
     low, high = _range(line, pong, model)
     here = read(line, pong.id, table.present_position)
-    start = (here - CENTRE_COUNT) * RAD_PER_COUNT
+    start = _rad(here)
     goal = start + by_rad if by_rad is not None else to_rad if to_rad is not None else start
-    for what, count in (("stands at", here), ("would go to", count_of(goal))):
-        if not low <= count <= high:
+    for what, rad in (("stands at", start), ("would go to", goal)):
+        if not low - HALF_A_COUNT <= rad <= high + HALF_A_COUNT:
             raise CommandRefused(
-                f"servo {pong.id} {what} {_degrees(count)}; limit: {_degrees(low)} to {_degrees(high)}; "
+                f"servo {pong.id} {what} {_degrees(rad)}; limit: {_degrees(low)} to {_degrees(high)}; "
                 "remedy: stay within its limits, or turn it there by hand with torque off"
             )
-    return Move(pong, start, goal, speed_rad_s)
+    return Move(pong, start, goal, speed)
+
+
+def require_speed(pong: Pong, speed_rad_s: float) -> float:
+    """The speed that a servo's profile has for one that is wished for: the next of its steps.
+
+    Raises
+    ------
+    CommandRefused
+        It is slower than the first step, or faster than the model.
+    """
+    model = known_model(pong)
+    if not SLOWEST_RAD_S * (1.0 - 1e-9) <= speed_rad_s <= model.no_load_rad_s:
+        raise CommandRefused(
+            f"servo {pong.id}: --speed {math.degrees(speed_rad_s):g} deg/s; "
+            f"limit: {math.degrees(SLOWEST_RAD_S):.4g} deg/s, one step of its profile, to "
+            f"{math.degrees(model.no_load_rad_s):.0f} deg/s, what an {model.name} does without load; "
+            "remedy: choose a speed between them"
+        )
+    return min(velocity_units(speed_rad_s) * SLOWEST_RAD_S, model.no_load_rad_s)
 
 
 def carry_out(
@@ -189,8 +208,8 @@ def _done(servo: Guarded, move: Move, last: Snapshot, *, arrived: bool, keep_hol
     return Jogged(move, last, arrived, servo.has_watchdog, holds=servo.held_before or keep_holding)
 
 
-def _range(line: ServoLine, pong: Pong, model: ServoModel) -> tuple[int, int]:
-    """Counts that a goal may have in the servo's operating mode."""
+def _range(line: ServoLine, pong: Pong, model: ServoModel) -> tuple[float, float]:
+    """Shaft positions that a goal may have in the servo's operating mode."""
     table = model.table
     mode = read(line, pong.id, table.operating_mode)
     if mode not in _MODES:
@@ -200,10 +219,19 @@ def _range(line: ServoLine, pong: Pong, model: ServoModel) -> tuple[int, int]:
             "remedy: set operating_mode to 3 with DYNAMIXEL Wizard, or connect with a rig"
         )
     if mode == OperatingMode.POSITION:
-        return read(line, pong.id, table.min_position_limit), read(line, pong.id, table.max_position_limit)
-    reach = MAX_TURNS * COUNTS_PER_TURN
-    return CENTRE_COUNT - reach, CENTRE_COUNT + reach
+        return (
+            _rad(read(line, pong.id, table.min_position_limit)),
+            _rad(read(line, pong.id, table.max_position_limit)),
+        )
+    reach = MAX_TURNS * COUNTS_PER_TURN * RAD_PER_COUNT
+    return -reach, reach
 
 
-def _degrees(count: int) -> str:
-    return f"{math.degrees((count - CENTRE_COUNT) * RAD_PER_COUNT):.1f} deg"
+def _rad(count: int) -> float:
+    return (count - CENTRE_COUNT) * RAD_PER_COUNT
+
+
+def _degrees(rad: float) -> str:
+    """With a digit behind the point, unless it is so many that nobody meant them."""
+    degrees = math.degrees(rad)
+    return f"{degrees:.1f} deg" if abs(degrees) < 1e7 else f"{degrees:.3g} deg"

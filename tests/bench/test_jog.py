@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,12 @@ from ori_deploy.actuators.dynamixel.line import ServoLine
 from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.bench.jog import carry_out, plan_move
 from ori_deploy.clock import MonotonicClock
+from ori_deploy.wire.dynamixel import OperatingMode
 from sim_backends.dynamixel_bus import BusSpec, ServoSpec, VirtualBus
+from tests.bench.servos import Bench
+
+STEP_DEG_S = 0.229 * 6.0
+"""What the profile counts in."""
 
 
 def test_a_shaft_that_was_turned_since_its_way_was_told_does_not_go(tmp_path: Path) -> None:
@@ -30,3 +36,46 @@ def test_a_shaft_that_was_turned_since_its_way_was_told_does_not_go(tmp_path: Pa
         truth = virtual.truth()[1]
         assert truth.shaft_rad == pytest.approx(1.0, abs=0.01)
         assert not truth.torque_on
+
+
+@pytest.mark.parametrize(("wished", "steps"), [(STEP_DEG_S, 1), (1.4, 2), (10.0, 8)])
+def test_the_speed_of_a_move_is_the_one_that_its_servo_goes_at(wished: float, steps: int) -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        move = plan_move(bench.line, bench.pong(), math.radians(wished), by_rad=math.radians(5.0))
+        assert math.degrees(move.speed_rad_s) == pytest.approx(steps * STEP_DEG_S)
+        began = bench.clock.now()
+        seen: list[int] = []
+        carry_out(bench.line, move, bench.clock, lambda: bool(seen.append(bench.register("profile_velocity"))))
+        assert set(seen) == {steps}
+        assert move.way_rad / move.speed_rad_s == pytest.approx(bench.clock.now() - began, abs=0.6)
+
+
+@pytest.mark.parametrize("wished", [0.1, 0.0, -5.0, 1e6])
+def test_a_speed_that_a_servo_does_not_have_is_refused_with_both_limits(wished: float) -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        with pytest.raises(CommandRefused, match=r"limit: 1\.374 deg/s, .* to 276 deg/s, .*remedy"):
+            plan_move(bench.line, bench.pong(), math.radians(wished), by_rad=0.1)
+        assert not bench.torque_on()
+
+
+@pytest.mark.parametrize("mode", [OperatingMode.POSITION, OperatingMode.EXTENDED_POSITION])
+@pytest.mark.parametrize("by_rad", [math.radians(1e308), -1e306, 5_000.0])
+def test_a_way_beyond_all_counts_is_refused_with_its_limits(mode: OperatingMode, by_rad: float) -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        bench.servo().put(bench.servo().table.operating_mode, mode)
+        with pytest.raises(
+            CommandRefused, match=r"would go to -?[\d.e+]{5,9} deg; limit: -\d+\.\d deg to \d+\.\d deg"
+        ):
+            plan_move(bench.line, bench.pong(), 1.0, by_rad=by_rad)
+
+
+def test_a_goal_may_be_as_far_as_the_limit_and_no_count_farther() -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        bench.servo().put(bench.servo().table.max_position_limit, 2_500)
+        for count, reached in ((2_500, True), (2_501, False)):
+            goal = (count - 2_048) * 2.0 * math.pi / 4_096
+            if reached:
+                assert plan_move(bench.line, bench.pong(), 1.0, to_rad=goal).goal_rad == goal
+            else:
+                with pytest.raises(CommandRefused, match=r"limit: -180\.0 deg to 39\.7 deg"):
+                    plan_move(bench.line, bench.pong(), 1.0, to_rad=goal)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
 from ori_deploy.bench.calibration import HingeZero, Limits, NotCalibrated, Zero, held_zero, stop_zero
@@ -118,7 +119,9 @@ def test_what_gives_way_is_not_taken_for_the_stop() -> None:
             return False
 
         blocked: list[bool] = []
-        with pytest.raises(NotCalibrated, match=r"servo_1.* at places 3\d\.\d\d deg of the shaft apart; limit: 0\.69 deg"):
+        with pytest.raises(
+            NotCalibrated, match=r"servo_1.* at places 3\d\.\d\d deg of the shaft apart; limit: 0\.69 deg"
+        ):
             stop_zero(bench.line, bench.pong(), hinge(), LIMITS, bench.clock, blocked_once)
         assert blocked
         assert not bench.torque_on()
@@ -129,3 +132,14 @@ def test_a_stop_is_compared_with_what_the_old_zero_has(off_rad: float) -> None:
     with several_turns() as bench:
         zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD + off_rad))
     assert zero.short_rad == pytest.approx(off_rad, abs=0.01)
+
+
+def test_a_walk_that_is_faster_than_its_servo_is_refused_before_anything_is_set() -> None:
+    with several_turns() as bench:
+        for speed in (1e3, 1e300):
+            with pytest.raises(CommandRefused, match=r"limit: .* to 276 deg/s") as refused:
+                stop_zero(
+                    bench.line, bench.pong(), hinge(), replace(LIMITS, speed_rad_s=speed), bench.clock, lambda: False
+                )
+            assert refused.value.refused
+        assert {instruction.code for instruction in bench.told} == {1}

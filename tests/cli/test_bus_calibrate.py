@@ -142,7 +142,9 @@ def test_stops_give_the_zeros_and_the_servos_are_left_limp_off_the_stop_and_as_t
         done = calibrate(wing, rig, bus, "--stop", end, "--speed", 150, "--yes")
         assert done.exit_code == 0, done.output
         assert restored(bus, found)
-        assert len(re.findall(r"; its stop [01]\.\d\d deg of the shaft (before|beyond) where the old", done.stderr)) == 4
+        assert (
+            len(re.findall(r"; its stop [01]\.\d\d deg of the shaft (before|beyond) where the old", done.stderr)) == 4
+        )
         shaft = np.array([servo.shaft_rad for servo in bus.truth().values()])
     after = resolve_rig(load_rig(rig), wing.plan.cell_ids, wing.plan.latch_points)
     assert np.abs(after.zero_rad - wing.rig.zero_rad).max() <= 3 * COUNT_RAD
