@@ -5,6 +5,9 @@ Every error says what is wrong, the value found, the limit it breaks and what to
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class OriDeployError(Exception):
     """Base of every error this package raises on purpose.
@@ -16,6 +19,22 @@ class OriDeployError(Exception):
     """
 
     refused = False
+
+
+@contextmanager
+def begun(*, already: bool = True) -> Iterator[None]:
+    """From here on something has moved, gone limp or been changed: no error of the block is a mere refusal.
+
+    Parameters
+    ----------
+    already
+        Whether that is so; nothing is different otherwise.
+    """
+    try:
+        yield
+    except OriDeployError as wrong:
+        wrong.refused = wrong.refused and not already
+        raise
 
 
 class InputError(OriDeployError):

@@ -13,6 +13,7 @@ from ori_deploy.actuators.mcu.line import McuLine
 from ori_deploy.actuators.mcu.port import SerialPort
 from ori_deploy.actuators.mcu.startup import find_device
 from ori_deploy.clock import Clock
+from ori_deploy.errors import begun
 from ori_deploy.wire.mcu import Disable, FaultClear, Info, LatchCommand, State, dialect
 
 BENCH_TIMEOUT_S = 0.1
@@ -115,7 +116,7 @@ def release(found: Board, *, with_latches: bool) -> tuple[str, ...]:
     Raises
     ------
     CommandRefused
-        Something moves.
+        Something moves: all is as it was. Or a latch is not let go, with the hinges off.
     """
     every = (1 << found.info.hinges) - 1
     ack = found.line.command(lambda token: Disable(token, every), "torque off")
@@ -123,6 +124,11 @@ def release(found: Board, *, with_latches: bool) -> tuple[str, ...]:
         raise refusal(ack, "torque stays on", WHOLE, found.naming)
     if not with_latches:
         return ()
+    with begun():
+        return _let_latches_go(found)
+
+
+def _let_latches_go(found: Board) -> tuple[str, ...]:
     latches = found.line.poll_patiently(dialect.ORI_POLL_LATCHES).latches
     assert latches is not None
     engaged = [k for k in range(found.info.latches) if latches.commanded >> k & 1]

@@ -20,6 +20,7 @@ from ori_deploy.actuators.mcu.stream import Stream
 from ori_deploy.actuators.mcu.wiring import Hinge, McuWiring
 from ori_deploy.bench.board import Board, clear_fault
 from ori_deploy.clock import Clock
+from ori_deploy.errors import begun
 from ori_deploy.wire.mcu import HINGES, Brake, Disable, Enable, State, dialect
 
 FloatArray = NDArray[np.float64]
@@ -174,7 +175,7 @@ def carry_out(
     Raises
     ------
     CommandRefused
-        The device does not turn it on. Nothing has moved.
+        The device does not turn it on: nothing has moved. Or, not `refused`, it does not turn it off at the end.
     ActuatorFault
         The device stopped it.
     BusTimeout
@@ -182,16 +183,17 @@ def carry_out(
     """
     found.line.synchronise(SYNC_EXCHANGES)
     line = _Stretch(found, wiring, jog, rate_hz, clock)
-    arrived = line.go(stop)
-    state = line.rest()
-    if not arrived and state.fault == dialect.ORI_FAULT_HOST_BRAKE:
-        clear_fault(found)  # our own, and no news
-    if release:
-        what = f"{jog.hinge.name} stays on"
-        ack = found.line.command(lambda token: Disable(token, 1 << jog.index), what)
-        if ack.result != dialect.ORI_ACCEPTED:
-            raise refusal(ack, what, jog.hinge.name, found.naming)
-    state = found.state()
+    with begun():
+        arrived = line.go(stop)
+        state = line.rest()
+        if not arrived and state.fault == dialect.ORI_FAULT_HOST_BRAKE:
+            clear_fault(found)  # our own, and no news
+        if release:
+            what = f"{jog.hinge.name} stays on"
+            ack = found.line.command(lambda token: Disable(token, 1 << jog.index), what)
+            if ack.result != dialect.ORI_ACCEPTED:
+                raise refusal(ack, what, jog.hinge.name, found.naming)
+        state = found.state()
     measured = 1e-6 * state.position_urad[jog.index] if state.sensed >> jog.index & 1 else None
     return Jogged(jog, measured, line.told_rad, arrived, holds=bool(state.outputs_on >> jog.index & 1))
 

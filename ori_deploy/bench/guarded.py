@@ -13,6 +13,7 @@ from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.meaning import error_words
 from ori_deploy.bench.servos import Snapshot, known_model, snapshot
 from ori_deploy.clock import Clock
+from ori_deploy.errors import OriDeployError
 from ori_deploy.wire.dynamixel import Register
 from ori_deploy.wire.dynamixel.models import WATCHDOG_FIRMWARE
 from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, WATCHDOG_UNIT_S
@@ -63,7 +64,7 @@ class Guarded:
         self.table = self.model.table
         self.has_watchdog = pong.firmware >= WATCHDOG_FIRMWARE
         self._pong, self._keep_holding = pong, keep_holding
-        self.held_before = self._holding = False
+        self.held_before = self._holding = self._aimed = False
         self._found: dict[Register, int] = {}
 
     def __enter__(self) -> Self:
@@ -75,6 +76,8 @@ class Guarded:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         wrong: list[str] = []
+        if self._aimed and isinstance(error, OriDeployError):
+            error.refused = False  # whatever refused it, it has been on its way
         if error is not None and self._holding:
             self._try(self.stop, "it may still move", wrong)
         holds = self.held_before or (self._keep_holding and error is None)
@@ -150,12 +153,13 @@ class Guarded:
 
     def aim(self, count: int) -> None:
         """Send it to a position, in counts. Raises as `startup.write`."""
+        self._aimed = True
         self.write(self.table.goal_position, count)
 
     def stop(self) -> None:
         """Make where it is its goal."""
         if not self._clear_trip():
-            self.aim(self.read(self.table.present_position))
+            self.write(self.table.goal_position, self.read(self.table.present_position))
 
     def look(self) -> Snapshot:
         """How it is doing, one cycle after the last look.
@@ -187,7 +191,7 @@ class Guarded:
             return False
         stands = self.read(self.table.present_position)
         self.write(self.table.bus_watchdog, 0)
-        self.aim(stands)
+        self.write(self.table.goal_position, stands)
         return True
 
     def _refuse_error(self) -> None:

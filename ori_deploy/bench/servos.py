@@ -15,7 +15,7 @@ from ori_deploy.actuators.dynamixel.startup import ATTEMPTS, read, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.meaning import TIME_BASED, Meaning, error_words, meaning
 from ori_deploy.clock import Clock
-from ori_deploy.errors import InputError
+from ori_deploy.errors import InputError, begun
 from ori_deploy.wire.dynamixel import BAUD_CODES, Register, ServoModel
 from ori_deploy.wire.dynamixel.models import RPM
 from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, LOAD_UNIT, VELOCITY_UNIT_RPM, VOLTAGE_UNIT_V
@@ -291,7 +291,7 @@ def set_id(line: ServoLine, pong: Pong, new: int) -> Pong:
     InputError
         The new id is the old one, or none that a servo can have.
     CommandRefused
-        Somebody has the new id, torque is on, or the servo did not take it.
+        Somebody has the new id, or torque is on: nothing was changed. Or the servo did not take it.
     """
     if not 0 <= new <= MAX_ID or new == pong.id:
         raise InputError(
@@ -309,12 +309,14 @@ def set_id(line: ServoLine, pong: Pong, new: int) -> Pong:
                 "remedy: choose another id, or give that servo another one first"
             )
     _require_limp(line, pong, model)
-    _write_unheard(line, pong.id, model.table.id, new)
-    moved = next((answer for _ in range(ATTEMPTS) if isinstance(answer := _answer(line, new), Pong)), None)
-    if moved is None or isinstance(_answer(line, pong.id), Pong):
-        raise CommandRefused(
-            f"servo {pong.id} did not take id {new}; remedy: ori-deploy bus scan shows who is there, then try again"
-        )
+    with begun():
+        _write_unheard(line, pong.id, model.table.id, new)
+        moved = next((answer for _ in range(ATTEMPTS) if isinstance(answer := _answer(line, new), Pong)), None)
+        if moved is None or isinstance(_answer(line, pong.id), Pong):
+            raise CommandRefused(
+                f"servo {pong.id} did not take id {new}; "
+                "remedy: ori-deploy bus scan shows who is there, then try again"
+            )
     return moved
 
 
@@ -344,6 +346,11 @@ def set_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ..
                 f"limit: {', '.join(map(str, model.bauds))}; remedy: choose a rate that all have"
             )
         _require_limp(line, pong, model)
+    with begun():
+        return _change_baud(line, pongs, new)
+
+
+def _change_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ...]:
     for pong in pongs:
         _write_unheard(line, pong.id, known_model(pong).table.baud_rate, BAUD_CODES[new])
     old = line.port.getBaudRate()
@@ -406,14 +413,15 @@ def reset_error(line: ServoLine, pong: Pong, clock: Clock) -> Reset:
         It reports an error again.
     """
     bits = errors_of(line, pong)
-    _ask_to_restart(line, pong.id)
-    _await(line, pong.id, clock)
-    again = errors_of(line, pong)
-    if again:
-        raise CommandRefused(
-            f"servo {pong.id} reports {error_words(again)} again after a restart; "
-            f"remedy: {_cause(again)}, then try again"
-        )
+    with begun():
+        _ask_to_restart(line, pong.id)
+        _await(line, pong.id, clock)
+        again = errors_of(line, pong)
+        if again:
+            raise CommandRefused(
+                f"servo {pong.id} reports {error_words(again)} again after a restart; "
+                f"remedy: {_cause(again)}, then try again"
+            )
     return Reset(pong.id, bits)
 
 
@@ -459,13 +467,14 @@ def torque_off(line: ServoLine, pongs: Sequence[Pong]) -> None:
     """
     tables = {pong.id: known_model(pong).table for pong in pongs}
     first = known_model(pongs[0]).table.torque_enable
-    line.sync_write(first.address, first.size, dict.fromkeys(tables, first.encode(0)))
-    holding = [i for i, table in tables.items() if not _confirms(line, i, table.torque_enable)]
-    if holding:
-        raise CommandRefused(
-            f"servo {', '.join(map(str, holding))} does not confirm that torque is off; "
-            "remedy: take hold of the structure and switch the supply off"
-        )
+    with begun():
+        line.sync_write(first.address, first.size, dict.fromkeys(tables, first.encode(0)))
+        holding = [i for i, table in tables.items() if not _confirms(line, i, table.torque_enable)]
+        if holding:
+            raise CommandRefused(
+                f"servo {', '.join(map(str, holding))} does not confirm that torque is off; "
+                "remedy: take hold of the structure and switch the supply off"
+            )
 
 
 def _confirms(line: ServoLine, servo_id: int, register: Register) -> bool:

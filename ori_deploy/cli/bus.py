@@ -12,6 +12,7 @@ from ori_deploy.bench.meaning import Meaning, error_words
 from ori_deploy.bench.servos import (
     USUAL_BAUDS,
     Census,
+    Reset,
     census,
     errors_of,
     known_model,
@@ -38,6 +39,7 @@ from ori_deploy.cli.bus_jog import jog
 from ori_deploy.cli.bus_monitor import monitor
 from ori_deploy.cli.frame import Commands, example, warn
 from ori_deploy.clock import MonotonicClock
+from ori_deploy.errors import begun
 from ori_deploy.wire.dynamixel import BAUD_CODES
 
 _UNITS = {"rad": "rad", "rad_s": "rad/s", "rad_s2": "rad/s2", "a": "A", "v": "V", "c": "°C", "s": "s"}
@@ -195,7 +197,10 @@ def reset_error_command(
         holding = tuple(pong for pong in pongs if _holds(line, pong))
         if holding:
             confirm(f"Servo {_ids(holding)} holds torque, and goes limp. Restart?", yes=yes)
-        done = [reset_error(line, pong, MonotonicClock()) for pong in pongs]
+        done: list[Reset] = []
+        for pong in pongs:
+            with begun(already=bool(done)):
+                done.append(reset_error(line, pong, MonotonicClock()))
     if as_json:
         tell_json(
             {"servos": [{"id": r.id, "error_bits": r.error_bits, "error": error_words(r.error_bits)} for r in done]}

@@ -11,7 +11,6 @@ from typing import Literal
 import click
 import numpy as np
 
-from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import find_servos, read
 from ori_deploy.actuators.resolve import ResolvedRig
@@ -29,7 +28,7 @@ from ori_deploy.cli.bus_rig import DECIMALS, check_new, from_template, save_rig,
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example, warn
 from ori_deploy.cli.session import StopRequest, rig_for
 from ori_deploy.clock import MonotonicClock
-from ori_deploy.errors import InputError, RigError
+from ori_deploy.errors import FileError, InputError, RigError, begun
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
 
@@ -136,20 +135,17 @@ def _measure(
     with where.opened() as line:
         wiring = replace(rig.wiring, hinges=tuple(hinge.servo for hinge in hinges), pins=())
         pongs = find_servos(line, wiring)
-        _let_go(line, [pongs[hinge.servo.id] for hinge in hinges], yes=yes)
+        limp = _let_go(line, [pongs[hinge.servo.id] for hinge in hinges], yes=yes)
         for hinge in hinges:
             name = f"{hinge.servo.name} (id {hinge.servo.id}, {hinge.crease} of cell {hinge.cell})"
             pong = pongs[hinge.servo.id]
-            if limits is None:
-                confirm(f"{name}: held at {math.degrees(hinge.crease_rad):.2f} deg of its crease?", yes=yes)
-                zero = held_zero(line, pong, hinge, clock)
-            else:
-                confirm(f"{name}: walks to its stop. Is its way free?", yes=yes)
-                try:
+            with begun(already=limp or (limits is not None and bool(found))):  # those before it have been walked
+                if limits is None:
+                    confirm(f"{name}: held at {math.degrees(hinge.crease_rad):.2f} deg of its crease?", yes=yes)
+                    zero = held_zero(line, pong, hinge, clock)
+                else:
+                    confirm(f"{name}: walks to its stop. Is its way free?", yes=yes)
                     zero = _by_stop(line, pong, hinge, limits)
-                except CommandRefused as wrong:
-                    wrong.refused = not found  # those before it have been walked to their stops
-                    raise
             found.append(zero)
             found_at = "" if limits is None else f"; {_against_old(zero)}"
             click.echo(f"{name}: zero_rad {hinge.old_zero_rad:.6f}, found {zero.zero_rad:.6f}{found_at}", err=True)
@@ -181,13 +177,14 @@ def _by_stop(line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits) -> Z
         return zero
 
 
-def _let_go(line: ServoLine, pongs: list[Pong], *, yes: bool) -> None:
-    """Servos have to be limp before they are calibrated."""
+def _let_go(line: ServoLine, pongs: list[Pong], *, yes: bool) -> bool:
+    """Servos have to be limp before they are calibrated; whether any was not."""
     holding = [p for p in pongs if p.model is not None and read(line, p.id, p.model.table.torque_enable)]
     if holding:
         ids = ", ".join(str(pong.id) for pong in holding)
         confirm(f"Servo {ids} holds torque, and goes limp with what it holds up. Torque off?", yes=yes)
         torque_off(line, holding)
+    return bool(holding)
 
 
 def _write(rig_file: Path, rig: ResolvedRig, plan: Plan, found: list[Zero], *, as_json: bool) -> None:
@@ -197,7 +194,10 @@ def _write(rig_file: Path, rig: ResolvedRig, plan: Plan, found: list[Zero], *, a
     text = with_zeros(old, rig, zeros)
     check_new(text, rig, plan, zeros)
     with StopRequest():  # a signal waits until both files are there
-        backup = save_rig(rig_file, text, rig.sha256)
+        try:
+            backup = save_rig(rig_file, text, rig.sha256)
+        except FileError as wrong:  # no bad input any more: hinges have been calibrated
+            raise NotCalibrated(str(wrong)) from wrong
     if as_json:
         tell_json(
             {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ori_deploy.actuators.bus import CommandRefused
+from ori_deploy.actuators.bus import BusError
 from ori_deploy.actuators.claim import DeviceClaim
 from ori_deploy.actuators.mcu.configure import read_config, write_config
 from ori_deploy.actuators.mcu.faults import state_name
@@ -150,7 +150,7 @@ def flash(port: str, image: Path) -> None:
     with DeviceClaim(port):  # before avrdude restarts the board under whoever has it
         done = subprocess.run([*words, "-U", f"flash:w:{image}:i"], check=False)
     if done.returncode != 0:
-        raise CommandRefused(
+        raise BusError(  # no refusal: it may have erased what was there
             f"avrdude ended with status {done.returncode}; remedy: read what it says above, check port and cable"
         )
     click.echo(f"{port}: {image.name} written and verified")

@@ -75,9 +75,10 @@ def test_an_id_that_was_not_taken_is_not_called_changed() -> None:
 
     with (
         ScriptedPort(answer, slack_s=0.005) as scripted,
-        pytest.raises(CommandRefused, match="servo 1 did not take id 5"),
+        pytest.raises(CommandRefused, match="servo 1 did not take id 5") as told,
     ):
         set_id(scripted.line, Pong(1, XM.number, 48, alert=False), 5)
+    assert not told.value.refused  # something was written, whatever became of it
 
 
 def test_torque_off_goes_to_all_at_once_and_names_those_who_do_not_confirm() -> None:

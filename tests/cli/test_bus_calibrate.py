@@ -19,6 +19,7 @@ from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
+from ori_deploy.errors import FileError
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
@@ -286,6 +287,10 @@ def test_torque_that_is_on_is_asked_about_first(wing: Wing, tmp_path: Path) -> N
         assert "goes limp" in refused.stderr
         assert bus.truth()[2].torque_on
         assert untouched(rig, before)
+        limp = calibrate(wing, rig, bus, "--pose", "stowed", answer="y\nn\n")
+        assert limp.exit_code == 1  # no, but not before a servo went limp
+        assert not bus.truth()[2].torque_on
+        assert command("bus", "jog", 2, "--by", 0, "--hold", "--rig", rig, "--port", bus.link).exit_code == 0
         done = calibrate(wing, rig, bus, "--pose", "stowed", answer="y\n" + 4 * "y\n")
         assert done.exit_code == 0, done.output
         assert not bus.truth()[2].torque_on
@@ -298,6 +303,29 @@ def test_no_at_one_hinge_writes_nothing(wing: Wing, tmp_path: Path) -> None:
     with servos(wing, tmp_path) as bus:
         assert calibrate(wing, rig, bus, "--pose", "stowed", answer="y\ny\nn\n").exit_code == 3
     assert untouched(rig, before)
+
+
+def test_no_after_a_hinge_was_walked_is_no_refusal_of_it_all(wing: Wing, tmp_path: Path) -> None:
+    rig = wrong_rig(tmp_path)
+    before = rig.read_text()
+    words = ("--stop", "closing", "--speed", 150, "--hinge", "c3", "--hinge", "c4")
+    with servos(wing, tmp_path, row=MIDDLE) as bus:
+        assert calibrate(wing, rig, bus, *words, answer="n\n").exit_code == 3
+        assert calibrate(wing, rig, bus, *words, answer="y\nn\n").exit_code == 1
+    assert untouched(rig, before)
+
+
+def test_a_rig_that_cannot_be_written_any_more_is_told_after_the_hinges_were_measured(
+    wing: Wing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def changed(*_: object) -> None:
+        raise FileError("rig.toml: changed while the hinges were calibrated", remedy="calibrate again")
+
+    monkeypatch.setattr("ori_deploy.cli.bus_calibrate.save_rig", changed)
+    with servos(wing, tmp_path) as bus:
+        late = calibrate(wing, wrong_rig(tmp_path), bus, "--pose", "stowed", "--hinge", "c1", "--yes")
+    assert late.exit_code == 1
+    is_one_line(late, "changed while the hinges were calibrated", "remedy: ")
 
 
 def test_zeros_that_leave_the_actuators_range_are_not_written(wing: Wing, tmp_path: Path) -> None:

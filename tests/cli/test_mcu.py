@@ -345,3 +345,19 @@ def test_ctrl_c_comes_to_rest_along_the_path_and_leaves_no_fault(made: Path, tmp
         done = motion("deploy", made, tmp_path)
         assert done.returncode == 0, done.stderr
         assert before != one.truth().shaft_rad
+
+
+def test_an_image_that_is_not_verified_may_have_been_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "avrdude").symlink_to("/bin/false")
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    (tmp_path / "image.hex").write_text(":00000001FF\n")
+    ends = os.openpty()
+    try:
+        done = run("mcu", "flash", "--port", os.ttyname(ends[1]), "--hex", "image.hex", cwd=tmp_path)
+    finally:
+        for end_of_line in ends:
+            os.close(end_of_line)
+    assert done.returncode == 1  # 3 would say that nothing was changed
+    assert "avrdude ended with status 1" in done.stderr
