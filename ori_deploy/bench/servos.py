@@ -1,4 +1,4 @@
-"""Work on single servos at the bench: find them, name them, set their rate, clear their errors.
+"""Work on single servos at the bench: find them, name them, set their rate, let them go limp.
 
 Nothing here needs a rig. Every change is written while torque is off where that is needed, and verified.
 """
@@ -13,8 +13,7 @@ from ori_deploy.actuators.dynamixel.line import MAX_ID, Pong, ServoLine, ServoRe
 from ori_deploy.actuators.dynamixel.readings import hardware_error
 from ori_deploy.actuators.dynamixel.startup import ATTEMPTS, read, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
-from ori_deploy.bench.meaning import TIME_BASED, Meaning, error_words, meaning
-from ori_deploy.clock import Clock
+from ori_deploy.bench.meaning import TIME_BASED, Meaning, meaning
 from ori_deploy.errors import InputError, begun
 from ori_deploy.wire.dynamixel import BAUD_CODES, Register, ServoModel
 from ori_deploy.wire.dynamixel.models import RPM
@@ -22,9 +21,6 @@ from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, LOAD_UNIT, VELOCIT
 
 USUAL_BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 """Rates that servos are found at: the factory's, then those that a rig would use."""
-
-RESTART_PATIENCE_S = 3.0
-"""How long a servo may take to come back after a reboot."""
 
 _PONG_BYTES = 14
 _BLOCK_START, _BLOCK_SIZE = 126, 21
@@ -379,82 +375,6 @@ def _require_limp(line: ServoLine, pong: Pong, model: ServoModel) -> None:
             f"servo {pong.id}: torque is on; limit: this register can be written only while it is off; "
             f"remedy: ori-deploy bus torque-off {pong.id}, with the structure held by hand"
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Reset:
-    """A servo that was restarted.
-
-    Attributes
-    ----------
-    id
-        On the bus.
-    error_bits
-        What it reported before; 0 for none.
-    """
-
-    id: int
-    error_bits: int
-
-
-def errors_of(line: ServoLine, pong: Pong) -> int:
-    """Bits of a servo's hardware error register. Raises as `read`."""
-    return read(line, pong.id, known_model(pong).table.hardware_error_status)
-
-
-def reset_error(line: ServoLine, pong: Pong, clock: Clock) -> Reset:
-    """Restart a servo, which clears its errors, and make sure that they are gone. Its torque is off then.
-
-    Raises
-    ------
-    BusTimeout
-        It did not come back.
-    CommandRefused
-        It reports an error again.
-    """
-    bits = errors_of(line, pong)
-    with begun():
-        _ask_to_restart(line, pong.id)
-        _await(line, pong.id, clock)
-        again = errors_of(line, pong)
-        if again:
-            raise CommandRefused(
-                f"servo {pong.id} reports {error_words(again)} again after a restart; "
-                f"remedy: {_cause(again)}, then try again"
-            )
-    return Reset(pong.id, bits)
-
-
-def _ask_to_restart(line: ServoLine, servo_id: int) -> None:
-    try:
-        line.reboot(servo_id)
-    except (BusTimeout, CorruptReply):
-        return  # some firmware is gone before it consents; whether it restarted shows in its error
-
-
-def _cause(bits: int) -> str:
-    remedies = (
-        (HardwareError.OVERHEATING, "let it cool"),
-        (HardwareError.INPUT_VOLTAGE, "check the supply"),
-        (HardwareError.OVERLOAD, "free its shaft"),
-        (HardwareError.ENCODER, "replace it"),
-        (HardwareError.ELECTRICAL_SHOCK, "check supply and motor, replace it"),
-    )
-    return " and ".join(text for flag, text in remedies if hardware_error(bits) & flag) or "replace it"
-
-
-def _await(line: ServoLine, servo_id: int, clock: Clock) -> None:
-    # A servo answers for a moment after it has consented; asked then, it would seem to be back at once.
-    clock.sleep_until(clock.now() + 0.1)
-    deadline = clock.now() + RESTART_PATIENCE_S
-    while clock.now() < deadline:
-        if line.ping_all((servo_id,)):
-            return
-        clock.sleep_until(clock.now() + 0.02)
-    raise BusTimeout(
-        f"servo {servo_id} did not come back within {RESTART_PATIENCE_S:g} s of its restart; "
-        "remedy: check its supply and wiring"
-    )
 
 
 def torque_off(line: ServoLine, pongs: Sequence[Pong]) -> None:

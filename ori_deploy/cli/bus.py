@@ -9,15 +9,13 @@ import click
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import read
 from ori_deploy.bench.meaning import Meaning, error_words
+from ori_deploy.bench.restart import Reset, errors_of, reset_error
 from ori_deploy.bench.servos import (
     USUAL_BAUDS,
     Census,
-    Reset,
     census,
-    errors_of,
     known_model,
     registers,
-    reset_error,
     set_baud,
     set_id,
     torque_off,

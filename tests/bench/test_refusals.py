@@ -10,7 +10,8 @@ from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.line import ServoRefused
 from ori_deploy.bench.board import release
 from ori_deploy.bench.jog import carry_out, plan_move
-from ori_deploy.bench.servos import reset_error, set_baud, torque_off
+from ori_deploy.bench.restart import reset_error
+from ori_deploy.bench.servos import set_baud, torque_off
 from ori_deploy.errors import InputError, begun
 from ori_deploy.wire.generated import ori_deploy as d
 from sim_backends.dynamixel.packets import Instruction
