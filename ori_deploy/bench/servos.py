@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply, HardwareError
+from ori_deploy.actuators.bus import BusClosed, BusTimeout, CommandRefused, CorruptReply, HardwareError
 from ori_deploy.actuators.dynamixel.line import MAX_ID, Pong, ServoLine, ServoRefused
 from ori_deploy.actuators.dynamixel.readings import hardware_error
 from ori_deploy.actuators.dynamixel.startup import ATTEMPTS, read, write
@@ -21,6 +21,9 @@ from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, LOAD_UNIT, VELOCIT
 
 USUAL_BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 """Rates that servos are found at: the factory's, then those that a rig would use."""
+
+RATE_TOLERANCE = 0.03
+"""How far off two ends of a line may be and understand each other."""
 
 _PONG_BYTES = 14
 _BLOCK_START, _BLOCK_SIZE = 126, 21
@@ -324,8 +327,8 @@ def set_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ..
     InputError
         No servo has such a rate.
     CommandRefused
-        A model does not have this rate, or torque is on: nothing was changed. Or some do not answer at the
-        new rate; the message names them.
+        A model or the adapter does not have this rate, or torque is on: nothing was changed. Or some do not answer
+        at the new rate; the message names them.
     """
     if new not in BAUD_CODES:
         raise InputError(
@@ -342,8 +345,28 @@ def set_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ..
                 f"limit: {', '.join(map(str, model.bauds))}; remedy: choose a rate that all have"
             )
         _require_limp(line, pong, model)
+    _require_rate(line, new)
     with begun():
         return _change_baud(line, pongs, new)
+
+
+def _require_rate(line: ServoLine, new: int) -> None:
+    """Try a rate on the adapter: a servo at one that it does not make would be out of reach."""
+    old, why = line.port.getBaudRate(), None
+    try:
+        line.port.setBaudRate(new)
+        made = line.port.made_baud()
+        if made is not None and abs(made - new) > RATE_TOLERANCE * new:
+            why = f"the adapter makes {made}"
+    except BusClosed as wrong:
+        why = str(wrong)
+    finally:
+        line.port.setBaudRate(old)
+    if why is not None:
+        raise CommandRefused(
+            f"no servo was set to {new} baud, where {line.port.path} could not follow: {why}; "
+            f"limit: within {100.0 * RATE_TOLERANCE:.0f} %; remedy: choose another rate, or another adapter"
+        )
 
 
 def _change_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ...]:

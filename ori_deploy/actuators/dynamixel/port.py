@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import os
 import select
+import struct
 import termios
 import time
 from collections.abc import Iterable
+from fcntl import ioctl
 
 import serial
 
@@ -35,6 +37,11 @@ WRITE_PATIENCE_S = 1.0
 
 PATIENCE_S = 0.06
 """How long a reply that did not come in time is waited for before something else is asked."""
+
+
+_TCGETS2 = 0x802C542A
+_TERMIOS2_BYTES, _OUTPUT_SPEED_AT = 44, 40
+"""Linux's `struct termios2`, which alone has the rate in numbers."""
 
 
 class BlockingPort:
@@ -169,6 +176,15 @@ class BlockingPort:
             except (ValueError, OSError, termios.error) as wrong:
                 raise BusClosed(f"{self.path} cannot be set to {baud} baud: {wrong}") from wrong
         return True
+
+    def made_baud(self) -> int | None:
+        """The rate that the driver says it makes: some make another without a word. None where it does not tell."""
+        try:
+            raw = ioctl(self._fd, _TCGETS2, bytes(_TERMIOS2_BYTES))
+        except OSError:
+            return None  # not Linux, or no terminal
+        speed: int = struct.unpack_from("I", raw, _OUTPUT_SPEED_AT)[0]
+        return speed
 
     def clearPort(self) -> None:
         """Forget what was received."""
