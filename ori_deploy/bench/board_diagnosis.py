@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ori_deploy.actuators.bus import BusTimeout, CorruptReply
+from ori_deploy.actuators.mcu.configure import read_config
 from ori_deploy.actuators.mcu.faults import WHOLE, fault_error, fault_name
 from ori_deploy.actuators.mcu.readings import THERMISTOR_HIGH, THERMISTOR_LOW, temperature_c
 from ori_deploy.actuators.mcu.records import config_hash, records
 from ori_deploy.actuators.mcu.settings import McuSettings
-from ori_deploy.actuators.mcu.wiring import Hinge, McuWiring
+from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.bench.board import Board, firmware_version, reset_cause
 from ori_deploy.bench.diagnosis import Finding, Verdict
-from ori_deploy.wire.mcu import LatchState, State, dialect
+from ori_deploy.wire.mcu import ConfigHinge, LatchState, State, dialect
 
 ASKS = 50
 """Polls by which the link is judged."""
@@ -40,12 +41,14 @@ def judge_board(found: Board, settings: McuSettings, wiring: McuWiring | None, l
     Parameters
     ----------
     wiring
-        What the rig wires to it; None when only a plan can tell.
+        What the rig wires to it; None when only a plan can tell. What has a wire is known from its own records.
 
     Raises
     ------
     BusTimeout, CorruptReply, BusClosed
         It does not answer any more.
+    CommandRefused
+        Its configuration lacks a record.
     """
     reports = found.line.poll_patiently(dialect.ORI_POLL_STATE | dialect.ORI_POLL_LATCHES)
     state, latches = reports.state, reports.latches
@@ -58,12 +61,9 @@ def judge_board(found: Board, settings: McuSettings, wiring: McuWiring | None, l
     findings.append(_judge_supply(found, state, settings, limits))
     if found.info.hinges:
         findings.append(_judge_thermistor(state, settings, limits))
-    findings += [_judge_feedback(found, state, k, _of(wiring, k)) for k in range(found.info.hinges)]
+    hinges = [record for record in read_config(found.line) if isinstance(record, ConfigHinge)]
+    findings += [_judge_feedback(found, state, k, hinge) for k, hinge in enumerate(hinges)]
     return findings + [_judge_latch(found, latches, k) for k in range(found.info.latches)]
-
-
-def _of(wiring: McuWiring | None, k: int) -> Hinge | None:
-    return wiring.hinges[k] if wiring is not None and k < len(wiring.hinges) else None
 
 
 def _judge_presence(found: Board) -> Finding:
@@ -140,17 +140,17 @@ def _judge_thermistor(state: State, settings: McuSettings, limits: Limits) -> Fi
     )  # fmt: skip
 
 
-def _judge_feedback(found: Board, state: State, k: int, hinge: Hinge | None) -> Finding:
+def _judge_feedback(found: Board, state: State, k: int, hinge: ConfigHinge) -> Finding:
     check, name = "feedback", found.naming.hinge(k)
-    where = "" if hinge is None or hinge.feedback is None else f" at A{hinge.feedback}"
+    if not hinge.flags & dialect.ORI_HINGE_HAS_FEEDBACK:
+        return Finding(check, name, "ok", "none: open_loop")
+    where = f" at A{hinge.adc}"
     if state.sensed >> k & 1:
-        rad = 1e-6 * state.position_urad[k]
-        if hinge is not None and not hinge.min_rad <= rad <= hinge.max_rad:
-            limit = f"{hinge.min_rad:g} to {hinge.max_rad:g} rad"
+        rad, low, high = (1e-6 * urad for urad in (state.position_urad[k], hinge.min_urad, hinge.max_urad))
+        if not low <= rad <= high:
+            limit = f"{low:.4g} to {high:.4g} rad"
             return Finding(check, name, "warning", f"{rad:.4f} rad", limit, "bring it back by hand, or calibrate")
         return Finding(check, name, "ok", f"{rad:.4f} rad")
-    if hinge is not None and hinge.feedback is None:
-        return Finding(check, name, "ok", "none: open_loop")
     if state.silent >> k & 1:
         remedy = "check its wire, and the servos' supply"
         return Finding(check, name, "problem", f"open wire{where}", "a reading", remedy)
