@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ori_deploy.actuators.bus import BusTimeout, CorruptReply
@@ -362,12 +362,27 @@ def judge_loop(wiring: Wiring, states: Sequence[ServoState], rate_hz: float, usb
     )  # fmt: skip
 
 
-def judge_turns(line: ServoLine, servos: Sequence[HingeServo]) -> list[Finding]:
-    """Whether servos of more than one turn know which one they are in. Raises as `ServoLine.read`."""
+def judge_turns(line: ServoLine, servos: Sequence[HingeServo], pongs: Sequence[Pong]) -> list[Finding]:
+    """Whether servos of more than one turn know which one they are in.
+
+    Parameters
+    ----------
+    servos
+        Of the rig.
+    pongs
+        Those that can be asked; their firmware decides where it is written.
+
+    Raises
+    ------
+    BusError
+        As `startup.read`.
+    """
     wide = [servo for servo in servos if not servo.one_turn]
     if not wide:
         return [Finding("turns", "bus", "ok", "every range lies within one turn")]
-    lost = unvouched(line, wide)
+    models = {pong.id: pong.model for pong in pongs}
+    there = [replace(servo, model=model) for servo in wide if (model := models.get(servo.id)) is not None]
+    lost = unvouched(line, there)
     return [
         Finding(
             "turns", f"{servo.name} (id {servo.id})", "warning", "restarted: may be whole turns from where it says",
@@ -375,5 +390,5 @@ def judge_turns(line: ServoLine, servos: Sequence[HingeServo]) -> list[Finding]:
         )
         if servo in lost
         else Finding("turns", f"{servo.name} (id {servo.id})", "ok", "vouched for")
-        for servo in wide
+        for servo in there
     ]  # fmt: skip

@@ -254,8 +254,8 @@ def _ask_around(line: ServoLine, where: Place, wiring: Wiring | None) -> list[Fi
     states = _examine(line, here, where.rig, findings)
     if wiring is not None and where.rig is not None:
         findings.append(judge_loop(wiring, states, where.rig.rate_hz, latency_timer_s(where.port)))
-        healthy = {state.pong.id for state in states if state.level is not None}
-        findings += judge_turns(line, [servo for servo in wiring.hinges if servo.id in healthy])
+        healthy = [state.pong for state in states if state.level is not None]
+        findings += judge_turns(line, wiring.hinges, healthy)
     return findings
 
 

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ori_deploy.actuators.dynamixel.line import Pong
+from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
+from ori_deploy.actuators.dynamixel.wiring import HingeServo
 from ori_deploy.bench.diagnosis import (
     ASKS,
     Answers,
@@ -19,9 +21,13 @@ from ori_deploy.bench.diagnosis import (
     judge_presence,
     judge_rates,
     judge_servo,
+    judge_turns,
 )
 from ori_deploy.bench.servos import Census
+from ori_deploy.wire.dynamixel import OperatingMode, model_named
+from sim_backends.dynamixel.spec import ServoSpec
 from tests.actuators.dynamixel.scripted import ScriptedPort, status
+from tests.bench.servos import Bench
 
 GOOD = Answers(ASKS, 0, 0)
 PONG = Pong(1, 1020, 48, alert=False)
@@ -127,3 +133,22 @@ def test_who_is_at_which_rate() -> None:
     (other,) = judge_rates([here, there, nobody], 1_000_000)
     assert (other.about, other.verdict) == ("servo 7", "problem")
     assert "set-baud 7 1000000 --baud 57600" in other.remedy
+
+
+@pytest.mark.parametrize("firmware", [52, 53])
+def test_whose_turns_are_vouched_for_is_read_where_the_firmware_keeps_it(firmware: int) -> None:
+    small = model_named("XL330-M288")  # as a rig has it, which does not know of firmware
+    servos = [HingeServo(f"s{i}", i, small, OperatingMode.EXTENDED_POSITION, -9_000, 9_000) for i in (1, 2, 3)]
+    with Bench(*(ServoSpec(id=i, model=small.name, firmware=firmware) for i in (1, 2))) as bench:
+        write(bench.line, 2, mark_of(small.at_firmware(firmware)), MARK_ADDRESS)
+        found = judge_turns(bench.line, servos, [bench.pong(1), bench.pong(2)])
+    assert verdicts(found, "turns") == {"s1 (id 1)": "warning", "s2 (id 2)": "ok"}
+
+
+def test_that_every_range_is_one_turn_is_said_of_all_servos() -> None:
+    wide = HingeServo("s1", 1, model_named("xm430"), OperatingMode.EXTENDED_POSITION, -9_000, 9_000)
+    with Bench(ServoSpec(id=1)) as bench:
+        assert judge_turns(bench.line, [wide], []) == []
+        assert verdicts(judge_turns(bench.line, [replace(wide, min_count=0, max_count=9)], []), "turns") == {
+            "bus": "ok"
+        }
