@@ -174,19 +174,35 @@ def judge_rates(found: Sequence[Census], baud: int) -> list[Finding]:
     return findings
 
 
+LINE_REMEDY = "check ground, termination and length of the cable, and that no other adapter is on it"
+
+
+def _either(servo_id: int, counted: Answers) -> Finding:
+    return Finding(
+        "one servo per id", f"servo {servo_id}", "problem",
+        f"{counted.damaged} of {ASKS} answers damaged or double: two servos of this id, or a bad line; "
+        "with no other id on the bus they look alike",
+        "whole answers, from one servo",
+        f"{LINE_REMEDY}; and leave one servo plugged in: if its answers are whole then, "
+        f"ori-deploy bus set-id {servo_id} NEW before the other comes back",
+    )  # fmt: skip
+
+
 def judge_answers(answers: Mapping[int, Answers]) -> list[Finding]:
     """Which ids two servos share, and whether the line itself is bad.
 
     An id whose answers are damaged again and again while others' are not belongs to two servos; where most
-    are damaged it is the line.
+    are damaged it is the line. With one id alone nobody can tell which.
     """
     bad = [servo_id for servo_id, counted in answers.items() if counted.damaged_part >= DAMAGED]
-    if bad and len(bad) == len(answers) > 1:
+    if bad and len(answers) == 1:
+        return [_either(bad[0], answers[bad[0]])]
+    if bad and len(bad) == len(answers):
         worst = max(counted.damaged_part for counted in answers.values())
         return [
             Finding(
                 "answers are whole", "bus", "problem", f"up to {100.0 * worst:.0f} % damaged, at every id", "none",
-                "check ground, termination and length of the cable, and that no other adapter is on it",
+                LINE_REMEDY,
             )
         ]  # fmt: skip
     findings = [

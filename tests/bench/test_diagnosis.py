@@ -58,8 +58,13 @@ def test_damage_at_every_id_is_the_line() -> None:
     ]
 
 
-def test_the_only_servo_with_damage_is_more_likely_two() -> None:
-    assert verdicts(judge_answers({5: Answers(0, ASKS, 0)}), "one servo per id") == {"servo 5": "problem"}
+def test_damage_at_the_only_servo_is_either_and_both_remedies_are_named() -> None:
+    (found,) = judge_answers({5: Answers(2, ASKS - 2, 0)})
+    assert (found.about, found.verdict) == ("servo 5", "problem")
+    assert "two servos of this id, or a bad line" in found.value
+    assert "others" not in found.value
+    assert "termination" in found.remedy
+    assert "ori-deploy bus set-id 5 NEW" in found.remedy
 
 
 def test_silence_is_told_by_how_much_of_it_there_is() -> None:
