@@ -17,6 +17,7 @@ from ori_deploy.wire.dynamixel.registers import (
     RETURN_DELAY_UNIT_S,
     VELOCITY_UNIT_RPM,
     VOLTAGE_UNIT_V,
+    WATCHDOG_TRIPPED,
     WATCHDOG_UNIT_S,
 )
 
@@ -70,6 +71,8 @@ def meaning(model: ServoModel, register: Register, value: int, *, time_based: bo
         Whether the servo's drive mode has the time-based profile, which changes what the profile registers hold.
     """
     name = register.name
+    if name == "bus_watchdog" and value == WATCHDOG_TRIPPED:
+        return Meaning(register, value, words="tripped: it stopped where it was, and takes no goals")
     if name.startswith("profile_") and time_based:
         return Meaning(register, value, 1e-3 * value, "s")
     if name in _ABSOLUTE:

@@ -121,6 +121,12 @@ def test_registers_mean_what_the_manual_says(name: str, value: int, si: float, u
     assert said.unit == unit
 
 
+def test_a_watchdog_that_tripped_is_no_time() -> None:
+    said = meaning(XM, XM.table.bus_watchdog, -1)
+    assert (said.si, said.unit) == (None, None)
+    assert said.words.startswith("tripped")
+
+
 def test_a_time_based_profile_is_milliseconds() -> None:
     said = meaning(XM, XM.table.profile_velocity, 1500, time_based=True)
     assert (said.si, said.unit) == (1.5, "s")
