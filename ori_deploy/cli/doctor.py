@@ -37,7 +37,7 @@ from ori_deploy.bench.servos import USUAL_BAUDS, Census, census
 from ori_deploy.cli.bus_common import Place, columns, model_name, place, place_options, tell_json
 from ori_deploy.cli.doctor_mcu import board_findings, unasked_board
 from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, example
-from ori_deploy.errors import RigError
+from ori_deploy.errors import InputError, RigError
 from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
 
@@ -47,7 +47,7 @@ _PTS = "/dev/pts/"
 @click.command(epilog=example("ori-deploy doctor --rig examples/rig_wing_dynamixel.toml"))
 @place_options
 @click.option("--plan", "plan_file", type=IN, help="Plan of the rig: names the cells of its [each_cell] template.")
-@click.option("--mcu-port", help="Microcontroller, where servos are at --port.  [default: the rig's]")
+@click.option("--mcu-port", help="Microcontroller of the rig.  [default: the rig's]")
 @click.option("--all", "everything", is_flag=True, help="Also print what is in order.")
 def doctor(
     port: str | None,
@@ -64,6 +64,7 @@ def doctor(
     """
     plan = None if plan_file is None else load_plan(plan_file)
     rig = None if rig_file is None else load_rig(rig_file)
+    _require_purpose(port, mcu_port, rig)
     asked, findings = "", []
     if rig is None or rig.mcu is None or rig.dynamixel is not None:
         where = place(port, baud, rig_file)
@@ -71,7 +72,7 @@ def doctor(
         if not _problems(findings):
             findings += _on_the_bus(where, plan) if rig is not None or baud is not None else _whoever_is_there(where)
     if rig is not None and rig.mcu is not None:
-        board = (mcu_port if asked else port) or rig.mcu.port
+        board = mcu_port or (None if asked else port) or rig.mcu.port
         found = port_findings(board)
         findings += found if _problems(found) else found + board_findings(board, rig, plan)
         asked = asked or board
@@ -91,6 +92,23 @@ def doctor(
         _print(findings, everything=everything)
     if verdicts["problem"]:
         sys.exit(EXIT_NOT_DONE)
+
+
+def _require_purpose(port: str | None, mcu_port: str | None, rig: Rig | None) -> None:
+    """Refuse a device that nothing would be asked of."""
+    if mcu_port is None:
+        return
+    if rig is None or rig.mcu is None:
+        raise InputError(
+            "--mcu-port: no microcontroller is looked for", value=mcu_port, limit="a rig with a table [mcu]",
+            remedy="give --rig of such a rig; without a rig, --port alone is asked what it is",
+            source=None if rig is None else rig.source,
+        )  # fmt: skip
+    if rig.dynamixel is None and port not in (None, mcu_port):
+        raise InputError(
+            "--port, --mcu-port: two devices for one board", value=f"{port}, {mcu_port}",
+            limit="the rig has no servos of its own at --port", remedy="give one of them", source=rig.source,
+        )  # fmt: skip
 
 
 def _whoever_is_there(where: Place) -> list[Finding]:

@@ -17,7 +17,7 @@ import ori_deploy.cli.doctor as doctor_module
 from ori_deploy.cli import bus_common
 from ori_deploy.wire.dynamixel import model_named
 from sim_backends.dynamixel_bus import ServoSpec, VirtualBus
-from tests.cli.virtual import Running, command, virtual_bus
+from tests.cli.virtual import Running, command, is_one_line, virtual_bus
 
 pytestmark = pytest.mark.slow  # servos and their answers take real time
 
@@ -207,6 +207,18 @@ def test_a_port_that_is_not_there_or_no_port_is_told(tmp_path: Path) -> None:
     for name, says in (("none", "no such device"), ("file", "not a device")):
         told = command("doctor", "--port", tmp_path / name, "--json")
         assert the(findings(told), "port")["value"] == says
+
+
+def test_a_board_is_looked_for_where_it_was_said_to_be_or_not_at_all(tmp_path: Path) -> None:
+    board = RIG.with_name("rig_wing_mcu.toml")
+    here, there = tmp_path / "here", tmp_path / "there"
+    for words in (("--mcu-port", here), ("--port", here), ("--port", here, "--mcu-port", here)):
+        (found,) = findings(command("doctor", "--rig", board, *words, "--json"))
+        assert (found["about"], found["value"]) == (str(here), "no such device")
+    for words in (("--rig", board, "--port", there), ("--port", there), ("--rig", RIG)):
+        refused = command("doctor", *words, "--mcu-port", here)
+        assert refused.exit_code == 2
+        is_one_line(refused, "--mcu-port: ", str(here), "limit: ", "remedy: ")
 
 
 def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
