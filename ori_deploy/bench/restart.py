@@ -12,7 +12,7 @@ from ori_deploy.actuators.dynamixel.line import Pong, ServoLine, ServoRefused
 from ori_deploy.actuators.dynamixel.readings import hardware_error
 from ori_deploy.actuators.dynamixel.startup import ATTEMPTS, MARK_ADDRESS, read
 from ori_deploy.bench.meaning import error_words
-from ori_deploy.bench.servos import known_model
+from ori_deploy.bench.servos import known_model, torque_off
 from ori_deploy.clock import Clock
 from ori_deploy.errors import begun
 from ori_deploy.wire.dynamixel import Register
@@ -41,7 +41,7 @@ class Reset:
 
 
 class NotRestarted(BusError):
-    """A servo goes on as it was, however often it was told to restart."""
+    """A servo goes on, however often it was told to restart."""
 
 
 def errors_of(line: ServoLine, pong: Pong) -> int:
@@ -50,19 +50,24 @@ def errors_of(line: ServoLine, pong: Pong) -> int:
 
 
 def reset_error(line: ServoLine, pong: Pong, clock: Clock) -> Reset:
-    """Restart a servo, which clears its errors, and make sure that it did, is limp, and that they are gone.
+    """Let a servo go limp and restart it, which clears its errors; make sure that it did and that they are gone.
 
     Raises
     ------
     NotRestarted
-        It answers, and has forgotten nothing: it is as it was.
+        It answers, and has forgotten nothing.
     BusTimeout
         It did not come back.
     CommandRefused
-        It holds torque or reports an error again; or, `refused`, it does not keep what a restart would clear.
+        It does not go limp, holds torque again or reports an error again; or, `refused` where it was limp already, it
+        does not keep what a restart would clear.
     """
     bits = errors_of(line, pong)
-    witness = _plant(line, pong)
+    holds = bool(read(line, pong.id, known_model(pong).table.torque_enable))
+    with begun(already=holds):
+        if holds:
+            torque_off(line, [pong])  # a restart does it anyway, and some take no pointer while they hold
+        witness = _plant(line, pong)
     with begun():
         _restart(line, pong, witness, clock)
         if read(line, pong.id, known_model(pong).table.torque_enable):
@@ -124,7 +129,7 @@ def _restart(line: ServoLine, pong: Pong, witness: Register, clock: Clock) -> No
 def _as_it_was(line: ServoLine, pong: Pong) -> str:
     holds = read(line, pong.id, known_model(pong).table.torque_enable)
     return (
-        f"servo {pong.id} did not restart: it answers, its torque is {'on' if holds else 'off'} as it was; "
+        f"servo {pong.id} did not restart: it answers, its torque is {'on' if holds else 'off'}; "
         f"limit: {PATIENCE_S:g} s; remedy: check its wiring, or take hold of the structure and switch its supply "
         "off and on"
     )

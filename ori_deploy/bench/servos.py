@@ -6,6 +6,7 @@ Nothing here needs a rig. Every change is written while torque is off where that
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from ori_deploy.actuators.bus import BusClosed, BusTimeout, CommandRefused, CorruptReply, HardwareError
@@ -421,8 +422,10 @@ def torque_off(line: ServoLine, pongs: Sequence[Pong]) -> None:
 
 
 def _confirms(line: ServoLine, servo_id: int, register: Register) -> bool:
-    try:
+    """What it says when it is asked counts: it may be set to consent to no write."""
+    with suppress(BusTimeout, CorruptReply, ServoRefused):
         write(line, servo_id, register, 0)
+    try:
         return read(line, servo_id, register) == 0
     except (BusTimeout, CorruptReply, ServoRefused):
         return False

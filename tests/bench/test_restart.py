@@ -9,7 +9,9 @@ import pytest
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused
 from ori_deploy.actuators.dynamixel.startup import mark_of, write
 from ori_deploy.bench.restart import NotRestarted, Reset, reset_error
+from ori_deploy.wire.dynamixel import Register
 from sim_backends.dynamixel.packets import Instruction
+from sim_backends.dynamixel.servo import ACCESS, Refusal
 from sim_backends.dynamixel.spec import ServoSpec
 from tests.bench.servos import Bench
 
@@ -49,15 +51,13 @@ def test_a_servo_is_told_to_restart_until_it_has(lost: int) -> None:
         assert bench.register("hardware_error_status") == 0
 
 
-def test_a_servo_that_never_hears_of_it_is_said_to_hold_as_it_did() -> None:
+def test_a_servo_that_never_hears_of_it_is_not_said_to_have_restarted() -> None:
     with holding(loses(10**6)) as bench:
         bench.port.slack_s = 0.01  # each lost consent is waited for
         hold(bench)
-        with pytest.raises(
-            NotRestarted, match=r"servo 1 did not restart: .*its torque is on as it was; .*remedy"
-        ) as told:
+        with pytest.raises(NotRestarted, match=r"servo 1 did not restart: .*its torque is off; .*remedy") as told:
             reset_error(bench.line, bench.pong(), bench.clock)
-        assert bench.torque_on()
+        assert not bench.torque_on()
         assert bench.line.read(1, mark_of(bench.servo().model)) == mark_of(bench.servo().model).default
     assert not told.value.refused
 
@@ -100,6 +100,24 @@ def test_a_servo_that_keeps_nothing_by_which_to_tell_is_left_alone() -> None:
             reset_error(bench.line, bench.pong(), bench.clock)
         assert REBOOT not in {instruction.code for instruction in bench.told}
     assert told.value.refused
+
+
+def test_a_servo_that_takes_no_pointer_while_it_holds_is_restarted_too() -> None:
+    """As those whose indirect addresses are in their EEPROM."""
+    with holding(loses(1)) as bench:
+        hold(bench)
+        servo = bench.servo()
+        check = servo._check
+        first = servo.table.indirect.pointer(0).address
+
+        def locked(register: Register, value: int) -> None:
+            check(register, value)
+            if register.address >= first and servo.get(servo.table.torque_enable):
+                raise Refusal(ACCESS)
+
+        servo._check = locked  # type: ignore[method-assign]
+        reset_error(bench.line, bench.pong(), bench.clock)
+        assert not bench.torque_on()
 
 
 @pytest.mark.parametrize("firmware", [45, 53])
