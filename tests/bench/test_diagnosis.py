@@ -86,7 +86,7 @@ def test_silence_is_told_by_how_much_of_it_there_is() -> None:
 )
 def test_answers_are_counted_one_by_one(answer: bytes, counted: Answers) -> None:
     """Two servos with one id and different delays do not even collide: the second answer is heard."""
-    with ScriptedPort(lambda _: answer, slack_s=0.5 if answer else 0.01) as scripted:
+    with ScriptedPort(lambda _: answer, slack_s=0.2 if answer else 0.01) as scripted:
         assert ask(scripted.line, 1) == counted
         assert {request[7] for request in scripted.sent} == {2}  # reads, nothing else
 
