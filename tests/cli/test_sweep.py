@@ -22,6 +22,12 @@ GRID = """schema = "ori-deploy/sweep/1"
 """
 
 
+@pytest.fixture(autouse=True)
+def _own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What workers that are killed leave behind is left there."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
 def words(*given: str | Path) -> list[str]:
     return [sys.executable, "-m", "ori_deploy.cli", "sweep", *(str(w) for w in given)]
 

@@ -471,7 +471,12 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     started: list[subprocess.Popen[bytes]] = []
 
     def start(*words: str) -> None:
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        environment = os.environ | {
+            "PYTHONPATH": str(ROOT),
+            "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
+            "DASK_TEMPORARY_DIRECTORY": str(folder),
+            "TMPDIR": str(folder),
+        }
         log = (folder / f"{len(started)}.log").open("wb")
         command = [sys.executable, "-m", "distributed.cli." + words[0], *words[1:], "--no-dashboard"]
         started.append(
