@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ori_deploy.actuators.bus import BusTimeout, CorruptReply
+from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
 from ori_deploy.actuators.mcu.configure import read_config
 from ori_deploy.actuators.mcu.faults import WHOLE, fault_error, fault_name
 from ori_deploy.actuators.mcu.readings import THERMISTOR_HIGH, THERMISTOR_LOW, temperature_c
-from ori_deploy.actuators.mcu.records import config_hash, records
+from ori_deploy.actuators.mcu.records import POSITION_SLACK_RAD, config_hash, records
 from ori_deploy.actuators.mcu.settings import McuSettings
 from ori_deploy.actuators.mcu.wiring import McuWiring
 from ori_deploy.bench.board import Board, firmware_version, reset_cause
@@ -47,8 +47,6 @@ def judge_board(found: Board, settings: McuSettings, wiring: McuWiring | None, l
     ------
     BusTimeout, CorruptReply, BusClosed
         It does not answer any more.
-    CommandRefused
-        Its configuration lacks a record.
     """
     reports = found.line.poll_patiently(dialect.ORI_POLL_STATE | dialect.ORI_POLL_LATCHES)
     state, latches = reports.state, reports.latches
@@ -61,8 +59,7 @@ def judge_board(found: Board, settings: McuSettings, wiring: McuWiring | None, l
     findings.append(_judge_supply(found, state, settings, limits))
     if found.info.hinges:
         findings.append(_judge_thermistor(state, settings, limits))
-    hinges = [record for record in read_config(found.line) if isinstance(record, ConfigHinge)]
-    findings += [_judge_feedback(found, state, k, hinge) for k, hinge in enumerate(hinges)]
+    findings += _judge_hinges(found, state)
     return findings + [_judge_latch(found, latches, k) for k in range(found.info.latches)]
 
 
@@ -140,13 +137,25 @@ def _judge_thermistor(state: State, settings: McuSettings, limits: Limits) -> Fi
     )  # fmt: skip
 
 
+def _judge_hinges(found: Board, state: State) -> list[Finding]:
+    try:
+        config = read_config(found.line)
+    except (BusTimeout, CorruptReply, CommandRefused) as wrong:  # what was found until here is still so
+        value, _, remedy = str(wrong).partition("; remedy: ")
+        where = found.line.port.path
+        return [Finding("configuration", where, "problem", value, "every record is told", remedy or "see the link")]
+    hinges = [record for record in config if isinstance(record, ConfigHinge)]
+    return [_judge_feedback(found, state, k, hinge) for k, hinge in enumerate(hinges)]
+
+
 def _judge_feedback(found: Board, state: State, k: int, hinge: ConfigHinge) -> Finding:
     check, name = "feedback", found.naming.hinge(k)
     if not hinge.flags & dialect.ORI_HINGE_HAS_FEEDBACK:
         return Finding(check, name, "ok", "none: open_loop")
     where = f" at A{hinge.adc}"
     if state.sensed >> k & 1:
-        rad, low, high = (1e-6 * urad for urad in (state.position_urad[k], hinge.min_urad, hinge.max_urad))
+        rad = 1e-6 * state.position_urad[k]
+        low, high = 1e-6 * hinge.min_urad + POSITION_SLACK_RAD, 1e-6 * hinge.max_urad - POSITION_SLACK_RAD
         if not low <= rad <= high:
             limit = f"{low:.4g} to {high:.4g} rad"
             return Finding(check, name, "warning", f"{rad:.4f} rad", limit, "bring it back by hand, or calibrate")

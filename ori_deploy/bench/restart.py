@@ -59,8 +59,8 @@ def reset_error(line: ServoLine, pong: Pong, clock: Clock) -> Reset:
     BusTimeout
         It did not come back.
     CommandRefused
-        It does not go limp, holds torque again or reports an error again; or, `refused` where it was limp already, it
-        does not keep what a restart would clear.
+        It does not go limp, took torque by itself (and is limp again), or reports an error again; or, `refused` where
+        it was limp already, it does not keep what a restart would clear.
     """
     bits = errors_of(line, pong)
     holds = bool(read(line, pong.id, known_model(pong).table.torque_enable))
@@ -70,12 +70,16 @@ def reset_error(line: ServoLine, pong: Pong, clock: Clock) -> Reset:
         witness = _plant(line, pong)
     with begun():
         _restart(line, pong, witness, clock)
-        if read(line, pong.id, known_model(pong).table.torque_enable):
+        takes_torque = read(line, pong.id, known_model(pong).table.torque_enable)
+        again = errors_of(line, pong)
+        if takes_torque:
+            torque_off(line, [pong])
             raise CommandRefused(
-                f"servo {pong.id} has restarted, and holds torque again; limit: limp, or it holds what nobody chose; "
+                f"servo {pong.id} took torque by itself when it restarted, and was let go of again"
+                f"{f'; it reports {error_words(again)} again' if again else ''}; "
+                "limit: limp, or it holds what nobody chose; "
                 "remedy: write 0 to address 60, startup_configuration, with DYNAMIXEL Wizard"
             )
-        again = errors_of(line, pong)
         if again:
             raise CommandRefused(
                 f"servo {pong.id} reports {error_words(again)} again after a restart; "
@@ -101,29 +105,31 @@ def _plant(line: ServoLine, pong: Pong) -> Register:
     if kept != MARK_ADDRESS:
         raise CommandRefused(
             f"servo {pong.id}: {witness.name} reads {kept} after {MARK_ADDRESS} was written, and whether it restarts "
-            "could not be told; remedy: take hold of the structure, and switch its supply off and on"
+            "could not be told; it is limp, and was not restarted; remedy: switch its supply off and on"
         )
     return witness
 
 
 def _restart(line: ServoLine, pong: Pong, witness: Register, clock: Clock) -> None:
     """Ask until the witness is gone: for as long as the servo answers and has it, it was not heard."""
-    deadline = clock.now() + PATIENCE_S
+    begin = asked = clock.now()
     answers = True
-    while clock.now() < deadline:
+    while True:
         if answers:
+            if clock.now() > begin + PATIENCE_S:
+                raise NotRestarted(_as_it_was(line, pong))
+            asked = clock.now()
             _ask_to_restart(line, pong.id)
+        elif clock.now() > asked + PATIENCE_S:
+            raise BusTimeout(
+                f"servo {pong.id} did not come back within {PATIENCE_S:g} s of its restart; "
+                "remedy: check its supply and wiring"
+            )
         clock.sleep_until(clock.now() + (SETTLE_S if answers else 0.5 * SETTLE_S))
         seen = _look(line, pong.id, witness)
         if seen is not None and seen != MARK_ADDRESS:
             return
         answers = seen is not None
-    if answers:
-        raise NotRestarted(_as_it_was(line, pong))
-    raise BusTimeout(
-        f"servo {pong.id} did not come back within {PATIENCE_S:g} s of its restart; "
-        "remedy: check its supply and wiring"
-    )
 
 
 def _as_it_was(line: ServoLine, pong: Pong) -> str:

@@ -291,7 +291,7 @@ def set_id(line: ServoLine, pong: Pong, new: int) -> Pong:
     InputError
         The new id is the old one, or none that a servo can have.
     CommandRefused
-        Somebody has the new id, or torque is on: nothing was changed. Or the servo did not take it.
+        Somebody has the new id, torque is on, or the servo says no: nothing was changed. Or it did not take it.
     """
     if not 0 <= new <= MAX_ID or new == pong.id:
         raise InputError(
@@ -309,8 +309,8 @@ def set_id(line: ServoLine, pong: Pong, new: int) -> Pong:
                 "remedy: choose another id, or give that servo another one first"
             )
     _require_limp(line, pong, model)
+    _write_unheard(line, pong.id, model.table.id, new)
     with begun():
-        _write_unheard(line, pong.id, model.table.id, new)
         moved = next((answer for _ in range(ATTEMPTS) if isinstance(answer := _answer(line, new), Pong)), None)
         if moved is None or isinstance(_answer(line, pong.id), Pong):
             raise CommandRefused(
@@ -328,8 +328,8 @@ def set_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ..
     InputError
         No servo has such a rate.
     CommandRefused
-        A model or the adapter does not have this rate, or torque is on: nothing was changed. Or some do not answer
-        at the new rate; the message names them.
+        A model or the adapter does not have this rate, torque is on, or the first does not take it: nothing was
+        changed. Or a later one does not take it, or some do not answer at the new rate; the message names them.
     """
     if new not in BAUD_CODES:
         raise InputError(
@@ -347,8 +347,10 @@ def set_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ..
             )
         _require_limp(line, pong, model)
     _require_rate(line, new)
+    for k, pong in enumerate(pongs):
+        _set_baud(line, pong, new, changed=pongs[:k])
     with begun():
-        return _change_baud(line, pongs, new)
+        return _follow(line, pongs, new)
 
 
 def _require_rate(line: ServoLine, new: int) -> None:
@@ -370,9 +372,21 @@ def _require_rate(line: ServoLine, new: int) -> None:
         )
 
 
-def _change_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ...]:
-    for pong in pongs:
+def _set_baud(line: ServoLine, pong: Pong, new: int, changed: Sequence[Pong]) -> None:
+    try:
         _write_unheard(line, pong.id, known_model(pong).table.baud_rate, BAUD_CODES[new])
+    except ServoRefused as wrong:
+        if not changed:
+            raise
+        with begun():
+            raise CommandRefused(
+                f"{wrong}; servo {', '.join(str(other.id) for other in changed)} is at {new} baud already; "
+                f"remedy: bring it back with ori-deploy bus set-baud ID {line.port.getBaudRate()} --baud {new}"
+            ) from wrong
+
+
+def _follow(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ...]:
+    """Go to a rate that servos were set to, and see who answers there."""
     old = line.port.getBaudRate()
     line.port.setBaudRate(new)
     there = [next((a for _ in range(ATTEMPTS) if isinstance(a := _answer(line, p.id), Pong)), None) for p in pongs]

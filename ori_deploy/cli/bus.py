@@ -196,9 +196,17 @@ def reset_error_command(
         if holding:
             confirm(f"Servo {_ids(holding)} holds torque, and goes limp. Restart?", yes=yes)
         done: list[Reset] = []
-        for pong in pongs:
-            with begun(already=bool(done)):
-                done.append(reset_error(line, pong, MonotonicClock()))
+        try:
+            for pong in pongs:
+                with begun(already=bool(done)):
+                    done.append(reset_error(line, pong, MonotonicClock()))
+        finally:  # those before one that failed have been restarted
+            _tell_resets(done, as_json=as_json)
+    if not pongs and not as_json:
+        click.echo("no servo reports an error; nothing was restarted")
+
+
+def _tell_resets(done: list[Reset], *, as_json: bool) -> None:
     if as_json:
         tell_json(
             {"servos": [{"id": r.id, "error_bits": r.error_bits, "error": error_words(r.error_bits)} for r in done]}
@@ -206,8 +214,6 @@ def reset_error_command(
     else:
         for reset in done:
             click.echo(f"servo {reset.id}: reported {error_words(reset.error_bits)}; restarted, no error now")
-        if not done:
-            click.echo("no servo reports an error; nothing was restarted")
     if done:
         warn(
             "a servo that was restarted is limp, and one of more than one turn has forgotten its turns: "

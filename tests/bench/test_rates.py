@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from ori_deploy.actuators.bus import BusClosed, CommandRefused
-from ori_deploy.bench.servos import set_baud
+from ori_deploy.actuators.dynamixel.line import ServoRefused
+from ori_deploy.bench.servos import set_baud, set_id
 from ori_deploy.wire.dynamixel import BAUD_CODES
+from sim_backends.dynamixel.servo import ACCESS, Refusal
 from sim_backends.dynamixel.spec import ServoSpec
 from tests.bench.servos import Bench
 
@@ -54,3 +56,34 @@ def test_an_adapter_that_does_not_tell_is_believed(monkeypatch: pytest.MonkeyPat
     with Bench(ServoSpec(id=1)) as bench:
         monkeypatch.setattr(bench.port, "made_baud", lambda: None)
         assert [pong.id for pong in set_baud(bench.line, [bench.pong()], NEW)] == [1]
+
+
+def says_no(bench: Bench, servo_id: int) -> None:
+    """Have a servo refuse every write."""
+
+    def refuse(*_: object) -> None:
+        raise Refusal(ACCESS)
+
+    bench.servo(servo_id)._check = refuse  # type: ignore[method-assign]
+
+
+def test_a_servo_that_says_no_leaves_all_as_it_was() -> None:
+    with Bench(ServoSpec(id=1), ServoSpec(id=2)) as bench:
+        says_no(bench, 1)
+        pongs = [bench.pong(1), bench.pong(2)]
+        for change in (lambda: set_baud(bench.line, pongs, NEW), lambda: set_id(bench.line, pongs[0], 7)):
+            with pytest.raises(ServoRefused, match="servo 1: ") as told:
+                change()
+            assert told.value.refused
+        assert [bench.register("baud_rate", i) for i in (1, 2)] == [3, 3]
+
+
+def test_those_before_one_that_says_no_are_named() -> None:
+    with Bench(ServoSpec(id=1), ServoSpec(id=2)) as bench:
+        pongs = [bench.pong(1), bench.pong(2)]
+        says_no(bench, 2)
+        with pytest.raises(
+            CommandRefused, match=r"servo 2: .*; servo 1 is at 3000000 baud already; remedy: "
+        ) as told:
+            set_baud(bench.line, pongs, NEW)
+        assert not told.value.refused

@@ -62,7 +62,7 @@ def test_a_servo_that_never_hears_of_it_is_not_said_to_have_restarted() -> None:
     assert not told.value.refused
 
 
-def test_a_servo_that_takes_torque_by_itself_is_not_called_limp() -> None:
+def test_a_servo_that_takes_torque_by_itself_is_let_go_of_again() -> None:
     with holding(loses(0)) as bench:
         reboot = bench.servo().reboot
 
@@ -70,12 +70,12 @@ def test_a_servo_that_takes_torque_by_itself_is_not_called_limp() -> None:
             """As one whose startup_configuration is 1."""
             reboot(now)
             bench.servo().put(bench.servo().table.torque_enable, 1)
+            bench.servo().put(bench.servo().table.hardware_error_status, OVERLOAD)
 
         bench.servo().reboot = with_torque  # type: ignore[method-assign]
-        with pytest.raises(
-            CommandRefused, match=r"has restarted, and holds torque again; .*startup_configuration"
-        ) as told:
+        with pytest.raises(CommandRefused, match=r"let go of again; it reports overload again; .*address 60") as told:
             reset_error(bench.line, bench.pong(), bench.clock)
+        assert not bench.torque_on()
     assert not told.value.refused
 
 
@@ -90,6 +90,14 @@ def test_a_servo_that_does_not_come_back_is_told_from_one_that_did_not_go(monkey
         bench.port.slack_s = 0.005
         with pytest.raises(BusTimeout, match=r"did not come back within 0\.3 s"):
             reset_error(bench.line, bench.pong(), bench.clock)
+
+
+def test_one_that_heard_only_the_last_time_has_its_time_to_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ori_deploy.bench.restart.PATIENCE_S", 0.5)
+    with holding(lambda i: i.code != REBOOT or bench.clock.now() > begin + 0.4) as bench:
+        bench.port.slack_s = 0.01
+        begin = bench.clock.now()
+        assert reset_error(bench.line, bench.pong(), bench.clock) == Reset(1, 0)
 
 
 def test_a_servo_that_keeps_nothing_by_which_to_tell_is_left_alone() -> None:

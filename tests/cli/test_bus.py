@@ -236,6 +236,18 @@ def test_an_error_whose_cause_is_still_there_is_not_called_reset(tmp_path: Path)
     is_one_line(again, "servo 1", "overheating", "let it cool")
 
 
+def test_those_restarted_before_one_that_stays_bad_are_told_all_the_same(tmp_path: Path) -> None:
+    with virtual_bus(tmp_path, ServoSpec(id=1), ServoSpec(id=2)) as bus:
+        bus.fail(1, OVERLOAD)
+        bus.heat(2, 95.0)
+        bus.fail(2, OVERHEATING)
+        done = bus_command("reset-error", bus, "all")
+    assert done.exit_code == 1
+    assert done.stdout == "servo 1: reported overload; restarted, no error now\n"
+    assert "--stands" in done.stderr
+    assert "servo 2 reports overheating again" in done.stderr
+
+
 def test_a_servo_that_holds_is_restarted_only_when_that_is_meant(tmp_path: Path) -> None:
     with virtual_bus(tmp_path, ServoSpec(id=1)) as bus:
         hold(bus, 1)
