@@ -2,45 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, Message
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
-from zstandard import ZstdError
 
 from ori_deploy.actuators.bus import LatchReading
 from ori_deploy.deploy.result import Fault, FaultKind, MotionResult, Outcome
 from ori_deploy.deploy.states import Event, State, Transition
 from ori_deploy.errors import FileError
 from ori_deploy.telemetry.log import CLOSED
-from ori_deploy.telemetry.schema import CHANNELS, READABLE, TAPE
-
-FloatArray = NDArray[np.float64]
-
-_BROKEN = (
-    McapError,
-    struct.error,
-    ZstdError,
-    KeyError,
-    TypeError,
-    ValueError,
-    OverflowError,
-    MemoryError,
-    RuntimeError,  # from lz4, and RecursionError
-)
-"""What parsing bytes can end in when they are not what was written."""
+from ori_deploy.telemetry.messages import BROKEN, FloatArray, Found, collect
+from ori_deploy.telemetry.schema import CHANNELS, FAMILY, READABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +28,9 @@ class Run:
     Attributes
     ----------
     complete
-        False for a log that was cut off.
+        False for a log that was cut off or is damaged.
+    unread
+        What of its file is damaged and was not read, for people; "" for all that was written.
     info
         Design, plan, rig, versions: the message of `/plan_info`.
     time_s, lateness_s
@@ -82,6 +62,7 @@ class Run:
     """
 
     complete: bool
+    unread: str
     info: Mapping[str, Any]
     time_s: FloatArray
     lateness_s: FloatArray
@@ -129,6 +110,16 @@ class Run:
         """(n, n_hinges) measured at the driven creases, minus what was due then; NaN where that is not known."""
         return self.measured_crease_rad - self._due_crease_rad()
 
+    @property
+    def after_gap(self) -> NDArray[np.int64]:
+        """Rows before which rows are missing, or the link was given up: goals of the rows before them are void."""
+        left = [t.time_s for t in self.transitions if t.target is State.DISCONNECTED]
+        rows = np.searchsorted(self.time_s, left, side="right")
+        if self.dropped or self.unread:
+            rows = np.append(rows, 1 + np.flatnonzero(np.diff(self.time_s) > 1.5 / float(self.info["rate_hz"])))
+        rows = np.unique(rows)
+        return rows[(rows > 0) & (rows < len(self.time_s))]
+
     def _due_crease_rad(self) -> FloatArray:
         """What is measured in a cycle answers to the goals of the cycle before, or to those that were queued then.
 
@@ -140,16 +131,10 @@ class Run:
         due = np.full_like(commanded, np.nan)
         if delay_s == 0.0:
             due[1:] = commanded[:-1]
-            if self.dropped:  # the row before may be of another cycle than the one before
-                due[1:][np.diff(time_s) > 1.5 / float(self.info["rate_hz"])] = np.nan
+            due[self.after_gap] = np.nan
             return due
-        sent = np.isfinite(commanded)
-        for hinge, there in enumerate(sent.T):
-            if there.any():
-                due[:, hinge] = np.interp(
-                    time_s - delay_s, time_s[there], commanded[there, hinge], left=np.nan, right=np.nan
-                )
-                due[np.interp(time_s - delay_s, time_s, there) < 1.0, hinge] = np.nan
+        for rows in np.split(np.arange(len(time_s)), self.after_gap):
+            due[rows] = _queued(time_s[rows], commanded[rows], delay_s)
         faulted = np.array([state == State.FAULT for state in self.state])
         due[time_s - np.maximum.accumulate(np.where(faulted, time_s, -np.inf)) <= delay_s] = np.nan
         return due
@@ -173,6 +158,8 @@ class Recording:
         The pieces of the tape, in order.
     cut_off
         Whether the log ends before its session did.
+    unread
+        As in `Run`.
     """
 
     info: Mapping[str, Any]
@@ -180,6 +167,7 @@ class Recording:
     files: Mapping[str, str]
     tape: tuple[bytes, ...]
     cut_off: bool
+    unread: str
 
 
 def read_run(path: str | Path) -> Run:
@@ -191,14 +179,16 @@ def read_run(path: str | Path) -> Run:
         The file cannot be read, is not a log of this program, or holds no cycle.
     """
     source = str(path)
-    found = _read(source)
-    if not found.messages.get("/cycle"):
-        raise _no_log(source, found, "with cycles in it")
     try:
-        run = _run(found.complete, found.info, found.messages)
+        found = _read(source, with_tape=False)
+        if not found.columns["/cycle"]:
+            raise _no_log(source, found, "cycles")
+        run = _run(found)
         _check(run)
-    except _BROKEN as error:
+    except BROKEN as error:
         raise _damaged(source, error) from error
+    except MemoryError as error:
+        raise _too_large(source) from error
     return run
 
 
@@ -211,73 +201,56 @@ def read_recording(path: str | Path) -> Recording:
         As `read_run`; the log is an old one that has no tape; or a file in it is not what its digest says.
     """
     source = str(path)
-    found = _read(source)
-    if found.info["schema"] == READABLE[0]:
-        raise FileError(
-            "this log holds no tape",
-            value=found.info["schema"],
-            limit=READABLE[-1],
-            remedy="only runs recorded since then can be replayed; ori-deploy report reads it",
-            source=source,
-        )
-    if not found.tape:
-        raise _no_log(source, found, "with a tape in it")
     try:
+        found = _read(source, with_tape=True)
+        if found.info["schema"] == READABLE[0]:
+            raise FileError(
+                "this log holds no tape",
+                value=found.info["schema"],
+                limit=READABLE[-1],
+                remedy="only runs recorded since then can be replayed; ori-deploy report reads it",
+                source=source,
+            )
+        if not found.tape:
+            raise _no_log(source, found, "tape")
+        _check_info(found.info)
         files = {str(row["name"]): _whole_text(row) for row in found.messages.get("/file", [])}
-        complete = found.complete and _ending(found.messages) in ("", CLOSED)
-        return Recording(found.info, _versions(found.messages), files, tuple(found.tape), not complete)
-    except _BROKEN as error:
+        complete = found.finished and _ending(found.messages) in ("", CLOSED)
+        return Recording(found.info, _versions(found.messages), files, tuple(found.tape), not complete, found.unread)
+    except BROKEN as error:
         raise _damaged(source, error) from error
+    except MemoryError as error:
+        raise _too_large(source) from error
 
 
-@dataclass
-class _Found:
-    """Messages by channel, the tape, whether the file was complete and whole, and what ended it if not."""
-
-    messages: dict[str, list[dict[str, Any]]]
-    tape: list[bytes]
-    complete: bool = False
-    cause: Exception | None = None
-    begins: bytes = b""
-
-    @property
-    def info(self) -> Mapping[str, Any]:
-        return self.messages.get("/plan_info", [{}])[0]
-
-    @property
-    def is_a(self) -> str:
-        """What sort of file it is, for people."""
-        if not self.begins:
-            return "an empty file"
-        if self.begins != MCAP0_MAGIC:
-            return "a file of another kind"
-        if "schema" not in self.info:
-            return "another program's MCAP file" if self.complete else "one that was cut off before its first message"
-        schema = str(self.info["schema"])
-        return schema if schema not in READABLE else f"{schema}, in which nothing was carried out"
-
-
-def _read(source: str) -> _Found:
+def _read(source: str, *, with_tape: bool) -> Found:
     try:
         data = Path(source).read_bytes()
     except OSError as error:
         raise FileError(
             "the log cannot be read", value=error.strerror, remedy="check the path", source=source
         ) from error
-    found = _collect(data)
+    found = collect(data, with_tape=with_tape)
     if found.info.get("schema") not in READABLE:
-        raise _no_log(source, found, "with cycles in it")
+        raise _no_log(source, found, "cycles")
     return found
 
 
-def _no_log(source: str, found: _Found, what: str) -> FileError:
-    error = FileError(
-        f"this is not a flight log {what}",
-        value=found.is_a,
-        limit=f"MCAP, schema {' or '.join(READABLE)}",
-        remedy="give a log that deploy, stow or recover wrote with --log",
-        source=source,
-    )
+def _no_log(source: str, found: Found, what: str) -> FileError:
+    schema = str(found.info.get("schema", ""))
+    limit = f"MCAP, schema {' or '.join(READABLE)}"
+    if schema in READABLE:
+        thing = f"this log has no {what}"
+        value, remedy = "a session in which nothing was carried out", "there is nothing to tell; see what it said"
+    elif schema.startswith(FAMILY):
+        thing, value, remedy = "a log of another version", schema, "read it with the ori-deploy that wrote it"
+    elif found.unread:
+        thing, value = "the log is damaged: what says of what it is is lost", found.unread
+        remedy = "give an undamaged copy"
+    else:
+        thing, value = "this is not a flight log", found.is_a
+        remedy = "give a log that deploy, stow, recover or serve wrote with --log"
+    error = FileError(thing, value=value, limit=limit, remedy=remedy, source=source)
     error.__cause__ = found.cause
     return error
 
@@ -292,6 +265,15 @@ def _damaged(source: str, error: Exception) -> FileError:
     )
 
 
+def _too_large(source: str) -> FileError:
+    return FileError(
+        "too little memory to read the log",
+        value=f"{1e-6 * Path(source).stat().st_size:.0f} MB packed",
+        remedy="close other programs, or read it on a larger machine",
+        source=source,
+    )
+
+
 def _whole_text(row: Mapping[str, Any]) -> str:
     text = str(row["text"])
     if sha256(text.encode()).hexdigest() != row["sha256"]:
@@ -299,40 +281,7 @@ def _whole_text(row: Mapping[str, Any]) -> str:
     return text
 
 
-def _collect(data: bytes) -> _Found:
-    """Sort all messages by channel.
-
-    A message that cannot be decoded is left out. What cannot be read as a record ends the log: after a
-    crash that is mostly in the middle of a chunk, and what came before is whole.
-    """
-    topics: dict[int, str] = {}
-    found = _Found({}, [], begins=data[: len(MCAP0_MAGIC)])
-    try:
-        for record in StreamReader(BytesIO(data), validate_crcs=True).records:
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                try:
-                    if (topic := topics[record.channel_id]) == TAPE:
-                        found.tape.append(record.data)
-                    else:
-                        found.messages.setdefault(topic, []).append(_decode(record.data))
-                except _BROKEN as error:
-                    found.cause = found.cause or error
-            elif isinstance(record, Footer):
-                found.complete = found.cause is None
-                return found
-    except _BROKEN as error:
-        found.cause = found.cause or error
-    return found
-
-
-def _decode(data: bytes) -> dict[str, Any]:
-    message = json.loads(data)
-    if not isinstance(message, dict):
-        raise TypeError(f"a message is a {type(message).__name__}, not an object")
-    return message
-
+_PER_CYCLE = CHANNELS["/cycle"].keys() - {"index", "state", "stage"}
 
 _LATELY = {"delay_s"}
 """Of `/plan_info`, what older logs do not have."""
@@ -340,13 +289,10 @@ _LATELY = {"delay_s"}
 
 def _check(run: Run) -> None:
     """Raise ValueError, TypeError or KeyError for what no writer of logs would have written."""
-    if missing := CHANNELS["/plan_info"].keys() - run.info.keys() - _LATELY:
-        raise KeyError(*sorted(missing))
+    _check_info(run.info)
     count = len(run.info["hinge_ids"])
-    for name in ("cell_ids", "zero_rad", "shaft_per_crease"):
-        _check_shape(f"{name} of the plan", np.shape(run.info[name]), (count,))
-    np.array([run.info["zero_rad"], run.info["shaft_per_crease"]], dtype=np.float64)
-    np.array([run.info["rate_hz"], run.info.get("delay_s", 0.0)], dtype=np.float64)
+    if not (np.isfinite(run.time_s).all() and (np.diff(run.time_s) >= 0.0).all()):
+        raise ValueError("cycles are not in the order of their times")
     for name in ("valid", "fold", "commanded_rad", "position_rad", "velocity_rad_s", "current_a", "age_s"):
         _check_shape(name, getattr(run, name).shape, (len(run.time_s), count))
     for name in ("lateness_s", "path_time_s", "rate", "rate_limit", "commanded_fold", "lost_replies", "overruns"):
@@ -358,42 +304,54 @@ def _check(run: Run) -> None:
         State(state)
 
 
+def _check_info(info: Mapping[str, Any]) -> None:
+    """As `_check`, of `/plan_info` alone."""
+    if missing := CHANNELS["/plan_info"].keys() - info.keys() - _LATELY:
+        raise KeyError(*sorted(missing))
+    count = len(info["hinge_ids"])
+    if not count:
+        raise ValueError("a run without hinges")
+    for name in ("cell_ids", "driven_creases", "zero_rad", "shaft_per_crease"):
+        _check_shape(f"{name} of the plan", np.shape(info[name]), (count,))
+    for name in ("cell_ids", "hinge_ids", "driven_creases", "latch_ids"):
+        if not all(isinstance(one, str) for one in info[name]):
+            raise TypeError(f"{name} of the plan are not all texts")
+    numbers = np.array([info["zero_rad"], info["shaft_per_crease"]], dtype=np.float64)
+    if not np.isfinite(numbers).all() or not numbers[1].all():
+        raise ValueError("zero_rad and shaft_per_crease of the plan have to be numbers, and the second not 0")
+    np.array([info["rate_hz"], info.get("delay_s", 0.0)], dtype=np.float64)
+
+
 def _check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
     if found != wanted:
         raise ValueError(f"{name} has shape {found}, not {wanted}")
 
 
-def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[str, Any]]]) -> Run:
-    cycles, health = messages["/cycle"], messages.get("/health", [])
+def _queued(time_s: FloatArray, commanded: FloatArray, delay_s: float) -> FloatArray:
+    """(n, n_hinges) goals that are due at times, of those that were sent so long before; NaN where none was."""
+    due = np.full_like(commanded, np.nan)
+    for hinge, there in enumerate(np.isfinite(commanded).T):
+        if there.any():
+            at = time_s - delay_s
+            due[:, hinge] = np.interp(at, time_s[there], commanded[there, hinge], left=np.nan, right=np.nan)
+            due[np.interp(at, time_s, there) < 1.0, hinge] = np.nan
+    return due
 
-    def numbers(rows: list[dict[str, Any]], name: str) -> FloatArray:
-        return np.array([row[name] for row in rows], dtype=np.float64)  # null becomes NaN
 
-    timing = messages.get("/timing", [])
+def _run(found: Found) -> Run:
+    messages, cycles = found.messages, found.columns["/cycle"]
+    health, timing = found.columns["/health"], found.columns["/timing"]
     ending = _ending(messages)
     return Run(
-        complete=complete and ending in ("", CLOSED),
-        info=info,
-        state=tuple(row["state"] for row in cycles),
-        stage=tuple(row["stage"] for row in cycles),
-        lost_replies=np.array([row["lost_replies"] for row in cycles], dtype=np.int64),
-        overruns=np.array([row["overruns"] for row in cycles], dtype=np.int64),
-        valid=np.array([row["valid"] for row in cycles], dtype=np.bool_),
-        time_s=numbers(cycles, "time_s"),
-        lateness_s=numbers(cycles, "lateness_s"),
-        path_time_s=numbers(cycles, "path_time_s"),
-        rate=numbers(cycles, "rate"),
-        rate_limit=numbers(cycles, "rate_limit"),
-        commanded_fold=numbers(cycles, "commanded_fold"),
-        fold=numbers(cycles, "fold"),
-        commanded_rad=numbers(cycles, "commanded_rad"),
-        position_rad=numbers(cycles, "position_rad"),
-        velocity_rad_s=numbers(cycles, "velocity_rad_s"),
-        current_a=numbers(cycles, "current_a"),
-        age_s=numbers(cycles, "age_s"),
-        health_time_s=numbers(health, "time_s"),
-        temperature_c=numbers(health, "temperature_c"),
-        voltage_v=numbers(health, "voltage_v"),
+        complete=found.finished and not found.unread and ending in ("", CLOSED),
+        unread=found.unread,
+        info=found.info,
+        state=cycles.texts("state"),
+        stage=cycles.texts("stage"),
+        **{name: cycles.numbers(name) for name in _PER_CYCLE},
+        health_time_s=health.numbers("time_s"),
+        temperature_c=health.numbers("temperature_c"),
+        voltage_v=health.numbers("voltage_v"),
         transitions=tuple(
             Transition(_number(row["time_s"]), State(row["source"]), Event(row["event"]), State(row["target"]))
             for row in messages.get("/state", [])
@@ -404,7 +362,7 @@ def _run(complete: bool, info: Mapping[str, Any], messages: dict[str, list[dict[
         faults=tuple(_fault(row) for row in messages.get("/fault", [])),
         results=tuple(_result(row) for row in messages.get("/result", [])),
         commands=tuple(_command(row) for row in messages.get("/command", [])),
-        timing={name: numbers(timing, name) for name in (CHANNELS["/timing"] if timing else ())},
+        timing={name: timing.numbers(name) for name in (CHANNELS["/timing"] if timing else ())},
         versions=_versions(messages),
         dropped=max((int(row["dropped"]) for row in messages.get("/recorder", [])), default=0),
         ending=ending,
@@ -436,6 +394,8 @@ def _fault(row: dict[str, Any]) -> Fault:
 
 
 def _result(row: dict[str, Any]) -> MotionResult:
+    if not isinstance(row["command"], str):
+        raise TypeError("the command of a result is no text")
     typed = {
         "outcome": Outcome(row["outcome"]),
         "state": State(row["state"]),

@@ -140,10 +140,11 @@ dropped since the log began, whenever that changes, and at the end how the log e
 TAPE = "/tape"
 TAPE_ENCODING = "ori-deploy-tape"
 
-SCHEMA = "ori-deploy/log/2"
+FAMILY = "ori-deploy/log/"
+SCHEMA = f"{FAMILY}2"
 """Written into `/plan_info`."""
 
-READABLE = ("ori-deploy/log/1", SCHEMA)
+READABLE = (f"{FAMILY}1", SCHEMA)
 """Schemas that are read; the first has no tape, and knows nothing of commands, timing and dropped records."""
 
 

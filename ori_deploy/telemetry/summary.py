@@ -8,7 +8,8 @@ import numpy as np
 
 from ori_deploy.deploy.result import Fault, MotionResult
 from ori_deploy.deploy.states import Transition
-from ori_deploy.telemetry.read import FloatArray, Run
+from ori_deploy.telemetry.messages import FloatArray
+from ori_deploy.telemetry.read import Run
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FormatStrFormatter, NullFormatter
+from numpy.typing import NDArray
 
 from ori_deploy.motion.plan import Plan
 from ori_deploy.profiles.profile import Reals
@@ -79,24 +80,26 @@ def draw_tracking(run: Run, plan: Plan | None = None) -> Figure:
     return figure
 
 
-def _segments(names: tuple[str, ...], time: Reals) -> list[tuple[str, float, float]]:
-    """Stretches of equal names: name, from, to."""
-    found, start = [], 0
-    for name, group in groupby(names):
-        stop = start + len(list(group))
-        found.append((name, float(time[start]), float(time[min(stop, len(time) - 1)])))
-        start = stop
+def _segments(names: tuple[str, ...], time: Reals, gaps: NDArray[np.int64]) -> list[tuple[str, float, float]]:
+    """Stretches of equal names without a gap: name, from, to."""
+    found: list[tuple[str, float, float]] = []
+    for rows in np.split(np.arange(len(time)), gaps):
+        start, end = int(rows[0]), int(rows[-1])
+        for name, group in groupby(names[start : end + 1]):
+            stop = start + len(list(group))
+            found.append((name, float(time[start]), float(time[min(stop, end)])))
+            start = stop
     return found
 
 
 def _draw_states(run: Run, time: Reals, ribbon: Axes, below: tuple[Axes, ...]) -> None:
-    for state, start, stop in _segments(run.state, time):
+    for state, start, stop in _segments(run.state, time, run.after_gap):
         for axes in below:
             axes.axvspan(start, stop, color=STATE_COLOURS.get(state, PAPER), linewidth=0.0, zorder=0)
     ribbon.set_axis_off()
     ribbon.set_ylim(0.0, 1.0)
     per_second = 8.5 / max(float(time[-1]), 1e-3)
-    for stage, start, stop in _segments(run.stage, time):
+    for stage, start, stop in _segments(run.stage, time, run.after_gap):
         if not stage:
             continue
         ribbon.plot([start, stop], [0.12, 0.12], color=FAINT, linewidth=2.4, solid_capstyle="butt")
@@ -104,15 +107,25 @@ def _draw_states(run: Run, time: Reals, ribbon: Axes, below: tuple[Axes, ...]) -
             ribbon.text(0.5 * (start + stop), 0.3, stage, ha="center", va="bottom", fontsize=8.0, color=FAINT)
 
 
-def _thinned(time: Reals, values: Reals) -> tuple[Reals, Reals]:
-    """(m, n) times and values with the lowest and highest of each of `_BUCKETS` stretches kept.
+def _drawn(run: Run, time: Reals, values: Reals) -> tuple[Reals, Reals]:
+    """(m, n) times and values to draw: thinned, and with no line over what was not there."""
+    ats, kepts = [], []
+    for rows in np.split(np.arange(len(time)), run.after_gap):
+        at, kept = _thinned(time[rows], values[rows], max(1, _BUCKETS * len(rows) // len(time)))
+        ats += [at, at[-1:]]
+        kepts += [kept, np.full_like(kept[-1:], np.nan)]
+    return np.concatenate(ats[:-1]), np.concatenate(kepts[:-1])
+
+
+def _thinned(time: Reals, values: Reals, buckets: int) -> tuple[Reals, Reals]:
+    """(m, n) times and values with the lowest and highest of each of so many stretches kept.
 
     A page has fewer pixels than a long log has cycles; peaks must not get lost.
     """
     n = len(time)
-    if n <= 2 * _BUCKETS:
+    if n <= 2 * buckets:
         return np.broadcast_to(time[:, None], values.shape), values
-    edges = np.linspace(0, n, _BUCKETS + 1).astype(int)
+    edges = np.linspace(0, n, buckets + 1).astype(int)
     low, high = np.where(np.isnan(values), np.inf, values), np.where(np.isnan(values), -np.inf, values)
     rows = []
     for a, b in pairwise(edges):
@@ -122,8 +135,8 @@ def _thinned(time: Reals, values: Reals) -> tuple[Reals, Reals]:
     return time[index], np.take_along_axis(values, index, axis=0)
 
 
-def _plot_hinges(axes: Axes, time: Reals, values: Reals, gid: str, width: float = 1.3) -> None:
-    at, kept = _thinned(time, values)
+def _plot_hinges(run: Run, axes: Axes, time: Reals, values: Reals, gid: str, width: float = 1.3) -> None:
+    at, kept = _drawn(run, time, values)
     n = values.shape[1]
     for i in range(n):
         axes.plot(
@@ -137,8 +150,8 @@ def _plot_hinges(axes: Axes, time: Reals, values: Reals, gid: str, width: float 
 
 
 def _draw_angles(run: Run, time: Reals, axes: Axes) -> None:
-    _plot_hinges(axes, time, np.degrees(run.measured_crease_rad), "measured", 2.4)
-    at, commanded = _thinned(time, np.degrees(run.commanded_crease_rad))
+    _plot_hinges(run, axes, time, np.degrees(run.measured_crease_rad), "measured", 2.4)
+    at, commanded = _drawn(run, time, np.degrees(run.commanded_crease_rad))
     for i in range(commanded.shape[1]):
         axes.plot(
             at[:, i],
@@ -153,7 +166,7 @@ def _draw_angles(run: Run, time: Reals, axes: Axes) -> None:
 
 def _draw_errors(run: Run, time: Reals, axes: Axes) -> None:
     error = np.degrees(run.tracking_error_rad)
-    _plot_hinges(axes, time, error, "error", 0.9)
+    _plot_hinges(run, axes, time, error, "error", 0.9)
     axes.set_ylabel("error (°)")
     if np.isfinite(error).any():
         row, hinge = np.unravel_index(int(np.nanargmax(np.abs(error))), error.shape)
@@ -188,12 +201,12 @@ def _draw_spread(run: Run, plan: Plan | None, time: Reals, axes: Axes) -> None:
     """Difference of fold between the cell furthest open and the one furthest behind."""
     floor = 1e-4
     spread = np.maximum(run.fold.max(axis=1) - run.fold.min(axis=1), floor)
-    at, kept = _thinned(time, spread[:, None])
+    at, kept = _drawn(run, time, spread[:, None])
     axes.plot(at[:, 0], kept[:, 0], color=INK, linewidth=0.9, gid="spread")
     if plan is not None:
         lead = run.fold.max(axis=1)
         limit = [plan.step_tolerance.allowed(float(x)) if np.isfinite(x) else np.nan for x in lead]
-        at, kept = _thinned(time, np.array(limit)[:, None])
+        at, kept = _drawn(run, time, np.array(limit)[:, None])
         axes.plot(at[:, 0], kept[:, 0], color=SLIT, linewidth=1.2, linestyle=(0, (4, 2)), gid="spread-limit")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))

@@ -10,6 +10,7 @@ from ori_deploy.deploy.result import CycleRecord, MotionResult
 from ori_deploy.motion.plan import Plan
 from ori_deploy.telemetry.frames import CycleFrames, plan_info, result_item
 from ori_deploy.telemetry.log import LogWriter
+from tests.deploy.synthetic import Bench, bench, synthetic_plan
 
 
 class InlineLog(LogWriter):
@@ -32,3 +33,19 @@ class InlineLog(LogWriter):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         super().__exit__(kind, error, trace)
+
+
+def logged(path: Path, fault: bool = False, n_cells: int = 4) -> tuple[Bench, MotionResult]:
+    """Deploy with a log, some replies lost, an overload half-way if wanted."""
+    b = bench(synthetic_plan(n_cells))
+    with InlineLog(path, b.plan, b.rig, plan_sha256="ab" * 32) as log:
+        b.controller.add_observer(log)
+        b.controller.deploy()
+        b.step_until_fold(0.3)
+        b.bus.drop_replies("servo_c2", 2)
+        b.steps(5)
+        if fault:
+            b.bus.overload("servo_c1")
+        result = b.controller.run()
+        log.write_result(result)
+    return b, result
