@@ -48,10 +48,8 @@ class Pacer:
             missed = start = now  # nobody was waiting for the cycles in between
             self.late_in_a_row = 0
         elif now > self._deadline:
-            late = int((now - self._deadline) / self.period_s)
-            self.overruns += 1 + late
+            self.overruns += 1 + int((now - self._deadline) / self.period_s)
             self.late_in_a_row += 1
-            missed += late * self.period_s
             # The late cycle's command may have gone out just now: the next one a whole period after it.
             start = max(now, self._sent + self.period_s)
         else:
