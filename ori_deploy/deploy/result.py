@@ -135,9 +135,9 @@ class CycleRecord:
 class Outcome(StrEnum):
     """How a command ended.
 
-    SUCCEEDED: deployed with every latch confirmed, or stowed and measured so. HELD: at rest on the operator's
-    word or to let a servo cool, can be resumed. STOPPED: at rest, given up on the operator's word.
-    EMERGENCY_STOPPED: at rest, the button was pressed. PATH_TOLERANCE: a crease strayed from the path, or
+    SUCCEEDED: deployed with every latch confirmed, or stowed and measured so, or the cells back in step. HELD: at
+    rest on the operator's word or to let a servo cool, can be resumed. STOPPED: at rest, given up on the operator's
+    word. EMERGENCY_STOPPED: at rest, the button was pressed. PATH_TOLERANCE: a crease strayed from the path, or
     cells from each other. GOAL_TOLERANCE: a crease did not reach the end of the path. SEATING: the slits closed
     too early, too late or unevenly. ABORTED: at rest because of any other fault.
     """
@@ -164,7 +164,7 @@ class MotionResult:
     Attributes
     ----------
     command
-        "deploy" or "stow".
+        "deploy", "stow" or "recover".
     outcome
         How it ended; with a fault, which sort.
     state

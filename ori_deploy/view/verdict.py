@@ -15,8 +15,12 @@ from ori_deploy.telemetry.read import Run
 
 Tone = Literal["good", "bad", "neutral"]
 
-_DONE = {"deploy": (State.DEPLOYED, "Deployed with every latch confirmed"), "stow": (State.STOWED, "Stowed")}
-_NOT_DONE = {"deploy": "Not deployed", "stow": "Not stowed"}
+_DONE = {
+    "deploy": (State.DEPLOYED, "Deployed with every latch confirmed"),
+    "stow": (State.STOWED, "Stowed"),
+    "recover": (State.ARMED, "Cells back in step"),
+}
+_NOT_DONE = {"deploy": "Not deployed", "stow": "Not stowed", "recover": "Not in step"}
 _WHY = {
     Outcome.SUCCEEDED: "the result and the final state contradict each other",
     Outcome.HELD: "held on the operator's word",

@@ -11,7 +11,7 @@ import pytest
 
 from ori_deploy.actuators.bus import LatchReading
 from ori_deploy.deploy.result import Outcome
-from ori_deploy.deploy.states import State
+from ori_deploy.deploy.states import Event, State, Transition
 from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import summarise
 from ori_deploy.view import draw_tracking, to_svg
@@ -148,14 +148,28 @@ def test_verdict_on_a_fault_names_it(faulted_run: Run) -> None:
 
 @pytest.mark.parametrize("outcome", [o for o in Outcome if o is not Outcome.SUCCEEDED])
 @pytest.mark.parametrize("state", list(State))
-@pytest.mark.parametrize("command", ["deploy", "stow"])
+@pytest.mark.parametrize(
+    ("command", "headline"), [("deploy", "Not deployed:"), ("stow", "Not stowed:"), ("recover", "Not in step:")]
+)
 def test_nothing_is_called_done_that_did_not_succeed(
-    good_run: Run, outcome: Outcome, state: State, command: str
+    good_run: Run, outcome: Outcome, state: State, command: str, headline: str
 ) -> None:
     result = replace(good_run.results[0], command=command, outcome=outcome, state=state)
     found = verdict(None, replace(good_run, results=(result,)))
     assert found.tone == "bad"
-    assert found.headline.startswith("Not deployed:" if command == "deploy" else "Not stowed:")
+    assert found.headline.startswith(headline)
+
+
+def recovered(run: Run) -> Run:
+    """As a log of `recover` that brought the cells back in step."""
+    ends = Transition(float(run.time_s[-1]), State.MOVING, Event.RECOVERED, State.ARMED)
+    result = replace(run.results[0], command="recover", state=State.ARMED)
+    return replace(run, results=(result,), state=(*run.state[:-1], "armed"), transitions=(ends,))
+
+
+def test_verdict_on_cells_that_were_brought_back_in_step(good_run: Run) -> None:
+    found = verdict(None, recovered(good_run))
+    assert (found.tone, found.headline, found.reasons) == ("good", "Cells back in step", ())
 
 
 @pytest.mark.parametrize("state", [s for s in State if s is not State.DEPLOYED])
