@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ori_deploy.deploy.result import Fault, MotionResult, Outcome
-from ori_deploy.deploy.states import State
+from ori_deploy.deploy.states import IN_MOTION, Event, State
 from ori_deploy.motion.plan import Plan
 from ori_deploy.telemetry.log import CLOSED
 from ori_deploy.telemetry.read import Run
@@ -16,10 +16,13 @@ from ori_deploy.telemetry.read import Run
 Tone = Literal["good", "bad", "neutral"]
 
 _DONE = {
-    "deploy": (State.DEPLOYED, "Deployed with every latch confirmed"),
-    "stow": (State.STOWED, "Stowed"),
-    "recover": (State.ARMED, "Cells back in step"),
+    "deploy": (State.DEPLOYED, Event.DEPLOYMENT_SECURED, "Deployed with every latch confirmed"),
+    "stow": (State.STOWED, Event.STOWAGE_SECURED, "Stowed"),
+    "recover": (State.ARMED, Event.RECOVERED, "Cells back in step"),
 }
+"""By command: the state and the event that it ends with, and the words for it."""
+_LET_GO = {State.READY, State.DISCONNECTED}
+"""States in which a session may end after all went well: nothing has moved, and nobody watches any more."""
 _NOT_DONE = {"deploy": "Not deployed", "stow": "Not stowed", "recover": "Not in step"}
 _WHY = {
     Outcome.SUCCEEDED: "the result and the final state contradict each other",
@@ -73,11 +76,34 @@ def _judged(plan: Plan | None, run: Run | None) -> Verdict:
         reasons.append(f"The log was cut off in state {final}{where}{why}: what came after is not known.")
     if not run.results:
         return Verdict("bad", f"No result recorded: the log ends in state {final}{where}", tuple(reasons))
-    good = _is_done(run.results[-1]) and final != State.FAULT and run.complete
-    headline = ", then ".join(_sentence(r, first=k == 0) for k, r in enumerate(run.results))
-    if final == State.FAULT and _is_done(run.results[-1]):
-        headline += "; then a fault"
-    return Verdict("good" if good else "bad", headline, tuple(reasons))
+    tone, since = _since(run) if _is_done(run.results[-1]) else ("bad", "")
+    headline = ", then ".join(_sentence(r, first=k == 0) for k, r in enumerate(run.results)) + since
+    return Verdict(tone if run.complete else "bad", headline, tuple(reasons))
+
+
+def _since(run: Run) -> tuple[Tone, str]:
+    """What became of it after the last command was done: a fault that came then counts, cleared or not.
+
+    A result has no time of its own; the event that it ends with does. Where records were dropped that may be lost:
+    then all that is known counts.
+    """
+    state, done, _ = _DONE[run.results[-1].command]
+    at = max((k for k, t in enumerate(run.transitions) if t.event is done), default=-1)
+    later = run.transitions[at + 1 :]
+    # A time that is not known is no time before.
+    faults = [f for f in run.faults if at < 0 or not f.time_s < run.transitions[at].time_s]
+    final, ends = State(run.state[-1]), f"; the log ends in state {run.state[-1]}{_where(run)}"
+    if faults or final is State.FAULT or any(t.target is State.FAULT for t in later):
+        kinds = " and ".join(dict.fromkeys(str(f.kind) for f in faults))
+        text = f"; then fault {kinds}" if kinds else "; then a fault"
+        if final is State.FAULT:
+            return "bad", text
+        return "bad", text + (", cleared" if any(t.event is Event.CLEAR_FAULT for t in later) else "") + ends
+    if final is state:
+        return "good", ""
+    if final in IN_MOTION or any(t.target in IN_MOTION for t in later):
+        return "bad", ends
+    return ("good", "") if final in _LET_GO else ("neutral", ends)
 
 
 def _where(run: Run) -> str:
@@ -91,13 +117,13 @@ def _where(run: Run) -> str:
 
 
 def _is_done(result: MotionResult) -> bool:
-    wanted, _ = _DONE.get(result.command, (None, ""))
-    return result.succeeded and result.state is wanted and result.fault is None
+    wanted = _DONE.get(result.command)
+    return wanted is not None and result.succeeded and result.state is wanted[0] and result.fault is None
 
 
 def _sentence(result: MotionResult, *, first: bool) -> str:
     if _is_done(result):
-        text = _DONE[result.command][1]
+        text = _DONE[result.command][-1]
     else:
         text = f"{_NOT_DONE.get(result.command, 'Not done')}: {_WHY[result.outcome]}"
         if result.fault is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from ori_deploy.actuators.bus import LatchReading
-from ori_deploy.deploy.result import Outcome
+from ori_deploy.deploy.result import Fault, FaultKind, Outcome
 from ori_deploy.deploy.states import Event, State, Transition
 from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import summarise
@@ -193,6 +194,90 @@ def test_a_fault_after_deployment_and_a_log_cut_off_are_bad_news(good_run: Run) 
     assert f"at fold {where}" in cut.headline
 
 
+def gone_on(run: Run, *steps: tuple[Event, State], kind: FaultKind | None = None) -> Run:
+    """As a log that went on after the last result, a cycle per step, with a fault where a step leads into one."""
+    time_s, state = float(run.time_s[-1]), State(run.state[-1])
+    transitions, faults = list(run.transitions), list(run.faults)
+    for event, target in steps:
+        time_s += 0.01
+        transitions.append(Transition(time_s, state, event, target))
+        if target is State.FAULT and kind is not None:
+            faults.append(Fault(kind, "c1", "", "", time_s))
+        state = target
+    return replace(run, state=(*run.state[:-1], str(state)), transitions=tuple(transitions), faults=tuple(faults))
+
+
+TRIPPED, CLEARED = (Event.FAULT, State.FAULT), (Event.CLEAR_FAULT, State.ARMED)
+
+
+@pytest.mark.parametrize("result_of", [lambda run: run, recovered], ids=["deployed", "recovered"])
+@pytest.mark.parametrize(
+    "steps",
+    [
+        (TRIPPED, CLEARED),
+        (TRIPPED, (Event.CLEAR_FAULT, State.READY)),
+        (TRIPPED, (Event.CLEAR_FAULT, State.DISCONNECTED)),
+        (TRIPPED, CLEARED, (Event.DISARM, State.READY)),
+    ],
+)
+def test_a_fault_after_the_last_result_is_told_though_it_was_cleared(
+    good_run: Run, result_of: Callable[[Run], Run], steps: tuple[tuple[Event, State], ...]
+) -> None:
+    run = result_of(good_run)
+    found = verdict(None, gone_on(run, *steps, kind=FaultKind.LATCH_LOST))
+    assert found.tone == "bad"
+    assert f"; then fault latch_lost, cleared; the log ends in state {steps[-1][1]} at fold " in found.headline
+    without_name = verdict(None, gone_on(run, *steps))
+    assert (without_name.tone, "; then a fault, cleared" in without_name.headline) == ("bad", True)
+
+
+def test_a_latched_fault_after_the_last_result_is_named(good_run: Run) -> None:
+    found = verdict(None, gone_on(good_run, TRIPPED, kind=FaultKind.LATCH_LOST))
+    assert (found.tone, found.headline.endswith("; then fault latch_lost")) == ("bad", True)
+    left = verdict(
+        None, gone_on(good_run, TRIPPED, (Event.DISCONNECT, State.DISCONNECTED), kind=FaultKind.LATCH_LOST)
+    )
+    assert (left.tone, "cleared" in left.headline) == ("bad", False)
+
+
+def test_a_fault_before_the_last_result_does_not_spoil_it(good_run: Run) -> None:
+    early = Fault(FaultKind.BUS_CLOSED, "bus", "", "", float(good_run.time_s[0]))
+    found = verdict(None, replace(good_run, faults=(early,)))
+    assert (found.tone, found.headline) == ("good", "Deployed with every latch confirmed")
+
+
+@pytest.mark.parametrize("time_s", [np.nan, np.inf])
+def test_a_fault_that_may_have_come_after_the_last_result_counts(good_run: Run, time_s: float) -> None:
+    when = Fault(FaultKind.LATCH_LOST, "c1", "", "", time_s)
+    assert verdict(None, replace(good_run, faults=(when,))).tone == "bad"
+    lost = replace(good_run, transitions=())
+    assert verdict(None, lost).tone == "good"
+    assert verdict(None, replace(lost, faults=(replace(when, time_s=float(good_run.time_s[0])),))).tone == "bad"
+
+
+LET_GO = (Event.DISARM, State.READY)
+
+
+@pytest.mark.parametrize(
+    ("steps", "tone"),
+    [
+        ((), "good"),
+        ((LET_GO,), "good"),
+        ((LET_GO, (Event.DISCONNECT, State.DISCONNECTED)), "good"),
+        (((Event.DISCONNECT, State.DISCONNECTED), (Event.CONNECT, State.READY)), "good"),
+        ((LET_GO, (Event.ARM, State.ARMED)), "neutral"),
+        (((Event.STOW, State.LATCHING), (Event.RELEASED, State.MOVING)), "bad"),
+        (((Event.STOW, State.LATCHING), (Event.STOP, State.STOPPING), (Event.AT_REST, State.ARMED), LET_GO), "bad"),
+    ],
+)
+def test_what_follows_the_last_result_is_good_news_only_if_nothing_moved(
+    good_run: Run, steps: tuple[tuple[Event, State], ...], tone: str
+) -> None:
+    found = verdict(None, gone_on(good_run, *steps))
+    assert found.tone == tone
+    assert ("the log ends in state" in found.headline) == (tone != "good")
+
+
 def test_the_legend_is_in_the_order_of_the_cells_line_by_line(good_run: Run) -> None:
     """Matplotlib fills columns; eyes read lines."""
     figure = draw_tracking(good_run)
@@ -214,7 +299,10 @@ def test_deploying_and_stowing_are_both_told(good_run: Run) -> None:
     deployed = good_run.results[0]
     stowed = replace(deployed, command="stow", state=State.STOWED)
     failed = replace(deployed, command="stow", state=State.HOLD, outcome=Outcome.HELD)
-    both = verdict(None, replace(good_run, results=(deployed, stowed)))
+    ends = Transition(float(good_run.time_s[-1]), State.LATCHING, Event.STOWAGE_SECURED, State.STOWED)
+    to_stowed = (*good_run.transitions, ends)
+    in_stowed = replace(good_run, state=(*good_run.state[:-1], "stowed"), transitions=to_stowed)
+    both = verdict(None, replace(in_stowed, results=(deployed, stowed)))
     assert (both.tone, both.headline) == ("good", "Deployed with every latch confirmed, then stowed")
     half = verdict(None, replace(good_run, results=(deployed, failed)))
     assert half.tone == "bad"
