@@ -107,13 +107,27 @@ def _since(run: Run) -> tuple[Tone, str]:
 
 
 def _where(run: Run) -> str:
-    """Where every cell was measured last, for whoever goes there to look."""
-    known = np.isfinite(run.fold).all(axis=1)
-    if not known.any():
+    """Where every cell was measured last, for whoever goes there to look; of old news it is said how old they are."""
+    known = np.isfinite(run.fold)
+    ever = np.logical_or.reduce(known, axis=0)
+    if not ever.any():
         return ""
-    last = run.fold[known][-1]
+    newest = len(known) - 1
+    rows = newest - known[::-1].argmax(axis=0)
+    last = run.fold[rows, np.arange(len(rows))][ever]
     low, high = f"{last.min():.3f}", f"{last.max():.3f}"
-    return f" at fold {low}" if low == high else f" at fold {low} to {high}"
+    where = f" at fold {low}" if low == high else f" at fold {low} to {high}"
+    silent: dict[str, list[str]] = {}
+    for i, (cell, row) in enumerate(zip(run.info["cell_ids"], rows.tolist(), strict=True)):
+        if not ever[i]:
+            silent.setdefault("never", []).append(cell)
+        elif row < newest:
+            silent.setdefault(f"not since {run.time_s[row] - run.time_s[0]:.2f} s", []).append(cell)
+    told = [
+        f"no cell {when.removeprefix('not ')}" if len(cells) == len(rows) else f"{', '.join(cells)} {when}"
+        for when, cells in silent.items()
+    ]
+    return f"{where} ({'; '.join(told)})" if told else where
 
 
 def _is_done(result: MotionResult) -> bool:

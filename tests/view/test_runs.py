@@ -194,6 +194,26 @@ def test_a_fault_after_deployment_and_a_log_cut_off_are_bad_news(good_run: Run) 
     assert f"at fold {where}" in cut.headline
 
 
+def test_of_a_cell_that_fell_silent_it_is_told_where_and_when_it_was_measured_last(good_run: Run) -> None:
+    def ends(*silent_from: tuple[int, int]) -> str:
+        """Cells, and the rows from which on they say nothing; the others end at fold 0.5."""
+        fold = np.tile(np.linspace(0.0, 0.5, n)[:, None], 4)
+        for cell, row in silent_from:
+            fold[row:, cell] = np.nan
+        return verdict(None, replace(good_run, fold=fold, results=())).headline.removeprefix(
+            "No result recorded: the log ends in state deployed at fold "
+        )
+
+    n = len(good_run.time_s)
+    at = [f"{time_s:.2f} s" for time_s in good_run.time_s - good_run.time_s[0]]
+    low = f"{0.5 * 99 / (n - 1):.3f}"
+    assert ends() == "0.500"
+    assert ends((1, 100)) == f"{low} to 0.500 (c2 not since {at[99]})"
+    assert ends((1, 100), (3, 100), (0, 0)) == f"{low} to 0.500 (c1 never; c2, c4 not since {at[99]})"
+    assert ends(*((cell, 100) for cell in range(4))) == f"{low} (no cell since {at[99]})"
+    assert ends((0, n - 1), (1, n - 2)).endswith(f"(c1 not since {at[-2]}; c2 not since {at[-3]})")
+
+
 def gone_on(run: Run, *steps: tuple[Event, State], kind: FaultKind | None = None) -> Run:
     """As a log that went on after the last result, a cycle per step, with a fault where a step leads into one."""
     time_s, state = float(run.time_s[-1]), State(run.state[-1])
