@@ -78,7 +78,9 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
             ("duration", ", ".join(f"{r.command} {r.duration_s:.2f} s" for r in results)),
             (
                 "worst tracking error",
-                f"{math.degrees(worst.error_rad):.3f} deg (hinge {worst.hinge_id}, cell {worst.cell_id})",
+                "not read"
+                if worst is None
+                else f"{math.degrees(worst.error_rad):.3f} deg (hinge {worst.hinge_id}, cell {worst.cell_id})",
             ),
             (
                 f"clearance at fold {made.check.clearance_fold_range[0]:g} to {made.check.clearance_fold_range[1]:g}",

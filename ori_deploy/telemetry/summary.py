@@ -14,7 +14,7 @@ from ori_deploy.telemetry.read import Run
 
 @dataclass(frozen=True)
 class TrackingWorst:
-    """The worst moment of one hinge, at its driven crease."""
+    """The worst moment of one hinge, at its driven crease; NaN where its error was never known."""
 
     hinge_id: str
     cell_id: str
@@ -31,9 +31,9 @@ class Summary:
     duration_s, cycles, overruns, lost_replies
         Of the whole log.
     worst_lateness_s
-        Latest begin of a cycle after its deadline.
+        Latest begin of a cycle after its deadline; NaN when never told.
     tracking
-        Worst tracking error of every hinge, in the order of the cells; 0 where nothing was measured.
+        Worst tracking error of every hinge, in the order of the cells.
     largest_spread
         Largest difference of measured fold between any two cells.
     latch_confirmed_s
@@ -64,9 +64,10 @@ class Summary:
     complete: bool
 
     @property
-    def worst_tracking(self) -> TrackingWorst:
-        """The hinge with the largest error."""
-        return max(self.tracking, key=lambda worst: worst.error_rad)
+    def worst_tracking(self) -> TrackingWorst | None:
+        """The hinge with the largest error; None where none is known: that is no error of 0."""
+        known = [worst for worst in self.tracking if np.isfinite(worst.error_rad)]
+        return max(known, key=lambda worst: worst.error_rad, default=None)
 
 
 def summarise(run: Run) -> Summary:
@@ -82,7 +83,7 @@ def summarise(run: Run) -> Summary:
         cycles=len(run.time_s),
         overruns=int(run.overruns[-1]),
         lost_replies=int(run.lost_replies[-1]),
-        worst_lateness_s=float(run.lateness_s.max()),
+        worst_lateness_s=_extreme(run.lateness_s, 1.0),
         tracking=_tracking(run, start),
         largest_spread=_extreme(spread, 1.0),
         latch_confirmed_s=confirmed,
@@ -96,12 +97,15 @@ def summarise(run: Run) -> Summary:
 
 
 def _tracking(run: Run, start_s: float) -> tuple[TrackingWorst, ...]:
-    error = np.nan_to_num(np.abs(run.tracking_error_rad), nan=0.0)
-    rows = error.argmax(axis=0)
+    error = np.abs(run.tracking_error_rad)
+    rows = np.where(np.isfinite(error), error, -1.0).argmax(axis=0)
+    worst, time_s = error[rows, np.arange(error.shape[1])], run.time_s[rows] - start_s
+    unknown = ~np.isfinite(worst)
+    worst[unknown] = time_s[unknown] = np.nan
     return tuple(
-        TrackingWorst(hinge, cell, float(error[row, i]), float(run.time_s[row]) - start_s)
-        for i, (hinge, cell, row) in enumerate(
-            zip(run.info["hinge_ids"], run.info["cell_ids"], rows.tolist(), strict=True)
+        TrackingWorst(hinge, cell, error_rad, at_s)
+        for hinge, cell, error_rad, at_s in zip(
+            run.info["hinge_ids"], run.info["cell_ids"], worst.tolist(), time_s.tolist(), strict=True
         )
     )
 

@@ -12,7 +12,7 @@ from ori_deploy.files import Design
 from ori_deploy.motion import Mechanism, MotionCheck, Plan, SpanFolding
 from ori_deploy.profiles.profile import Reals
 from ori_deploy.telemetry.read import Run
-from ori_deploy.telemetry.summary import Summary, summarise
+from ori_deploy.telemetry.summary import Summary, TrackingWorst, summarise
 
 _MM = 1e3
 
@@ -76,8 +76,8 @@ def key_facts(
         facts.append(_clearance(plan.check, f"at fold {plan.check.clearance_fold:.2f}, touching ends left out"))
     if run is not None:
         worst = summarise(run).worst_tracking
-        facts.append(Fact("worst tracking error", f"{np.degrees(worst.error_rad):.2f}°", worst.hinge_id))
-        facts += [Fact(f"{r.command} took", f"{r.duration_s:.2f} s", str(r.outcome)) for r in run.results]
+        facts.append(_tracking_fact(worst, "" if worst is None else worst.hinge_id))
+        facts += [Fact(f"{r.command} took", _told(r.duration_s, " s"), str(r.outcome)) for r in run.results]
     elif plan is not None:
         facts.append(Fact("planned duration", f"{plan.duration_s:.2f} s", "flat to deployed"))
     return tuple(facts)
@@ -211,20 +211,15 @@ def plan_facts(plan: Plan) -> tuple[Fact, ...]:
 def run_facts(run: Run) -> tuple[Fact, ...]:
     """What was carried out."""
     s: Summary = summarise(run)
-    worst = s.worst_tracking
     facts = [
         Fact("length of the log", f"{s.duration_s:.2f} s", f"{s.cycles} cycles{'' if s.complete else ', cut off'}"),
         *(
-            Fact(f"{r.command}", f"{r.outcome} in {r.duration_s:.2f} s", f"final state {r.state}, {r.cycles} cycles")
+            Fact(r.command, f"{r.outcome}{_in_time(r.duration_s)}", f"final state {r.state}, {r.cycles} cycles")
             for r in s.results
         ),
-        Fact(
-            "worst tracking error",
-            f"{np.degrees(worst.error_rad):.2f}°",
-            f"{worst.hinge_id} (cell {worst.cell_id}) after {worst.time_s:.2f} s",
-        ),
+        _tracking_fact(s.worst_tracking, _tracking_note(s)),
         Fact("largest spread of fold", _known(s.largest_spread, ".4f"), "between any two cells, measured"),
-        Fact("overruns", str(s.overruns), f"worst lateness {1e3 * s.worst_lateness_s:.2f} ms"),
+        Fact("overruns", str(s.overruns), f"worst lateness {_told(1e3 * s.worst_lateness_s, ' ms')}"),
         *_timing_facts(run),
         Fact("lost replies", str(s.lost_replies)),
         Fact("hottest", _known(s.hottest_c, ".1f", " °C")),
@@ -233,17 +228,47 @@ def run_facts(run: Run) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
+def _in_time(duration_s: float) -> str:
+    return f" in {duration_s:.2f} s" if np.isfinite(duration_s) else ", how long not told"
+
+
+def _tracking_fact(worst: TrackingWorst | None, note: str) -> Fact:
+    value = "not read" if worst is None else f"{np.degrees(worst.error_rad):.2f}°"
+    return Fact("worst tracking error", value, note)
+
+
+def _tracking_note(s: Summary) -> str:
+    """Whose the worst tracking error is, and of which hinges none is known while it is of others."""
+    worst = s.worst_tracking
+    if worst is None:
+        return ""
+    unread = ", ".join(w.hinge_id for w in s.tracking if not np.isfinite(w.error_rad))
+    note = f"{worst.hinge_id} (cell {worst.cell_id}) after {worst.time_s:.2f} s"
+    return f"{note}; not read: {unread}" if unread else note
+
+
 def _timing_facts(run: Run) -> list[Fact]:
     """Where a cycle's time went, and what of it was lost to the log."""
     if not run.timing:
         return []
     parts = {name: 1e3 * run.timing[f"{name}_s"] for name in ("read", "decide", "send", "record")}
-    worst = float(np.max(sum(parts.values())))
-    told = ", ".join(f"{name} {np.median(values):.2f}" for name, values in parts.items())
+    whole = np.sum(list(parts.values()), axis=0)
+    known = whole[np.isfinite(whole)]
+    most = f"{known.max():.2f} ms at most" if known.size else "not told"
+    medians = {
+        name: np.median(part) if (part := values[np.isfinite(values)]).size else np.nan
+        for name, values in parts.items()
+    }
+    told = ", ".join(f"{name} {_told(float(median))}" for name, median in medians.items())
     return [
-        Fact("work of a cycle", f"{worst:.2f} ms at most", f"medians in ms: {told}"),
+        Fact("work of a cycle", most, f"medians in ms: {told}"),
         Fact("records dropped", str(run.dropped), "by a recorder that was too far behind" if run.dropped else ""),
     ]
+
+
+def _told(value: float, unit: str = "") -> str:
+    """A figure that the controller gives of itself; a log may hold null for it."""
+    return f"{value:.2f}{unit}" if np.isfinite(value) else "not told"
 
 
 def _known(value: float, form: str, unit: str = "") -> str:

@@ -347,6 +347,7 @@ def test_summary_adds_up(path: Path) -> None:
     assert summary.overruns == 0
     np.testing.assert_allclose([worst.error_rad for worst in summary.tracking], slow_worst_tracking(run))
     assert [worst.cell_id for worst in summary.tracking] == list(b.plan.cell_ids)
+    assert summary.worst_tracking is not None
     assert summary.worst_tracking.error_rad == pytest.approx(result.worst_tracking_rad, rel=1e-4)
     assert summary.worst_tracking.hinge_id == result.worst_tracking_hinge
     assert set(summary.latch_confirmed_s) == set(b.rig.latch_ids)

@@ -17,7 +17,7 @@ from ori_deploy.telemetry.read import Run
 from ori_deploy.telemetry.summary import summarise
 from ori_deploy.view import draw_tracking, to_svg
 from ori_deploy.view.events import latch_events, run_events
-from ori_deploy.view.facts import provenance_facts
+from ori_deploy.view.facts import key_facts, provenance_facts, run_facts
 from ori_deploy.view.verdict import verdict
 from tests.deploy.synthetic import synthetic_plan
 from tests.view.test_figures import gids
@@ -45,6 +45,7 @@ def test_tracking_shows_every_driven_crease_commanded_measured_and_its_error(goo
     notes = [t.get_text() for axes in figure.axes for t in axes.texts]
     assert any("confirmed" in t for t in notes)
     worst = summarise(good_run).worst_tracking
+    assert worst is not None
     assert f"{np.degrees(worst.error_rad):.2f}° {worst.hinge_id}" in notes
 
 
@@ -313,6 +314,48 @@ def test_a_seed_is_told_of_simulated_servos_only(good_run: Run) -> None:
     for seed, told in ((1, True), (None, False)):
         facts, _ = provenance_facts("", "", None, replace(good_run, info={**good_run.info, "seed": seed}), "0")
         assert any(fact.name == "seed" for fact in facts) == told
+
+
+def told(run: Run, name: str) -> tuple[str, str]:
+    """Value and note of a line of the run's table."""
+    return next((fact.value, fact.note) for fact in run_facts(run) if fact.name == name)
+
+
+def test_a_tracking_error_that_was_never_measured_is_not_one_of_0(good_run: Run) -> None:
+    name = "worst tracking error"
+    position_rad = good_run.position_rad.copy()
+    position_rad[:, 2] = np.nan
+    value, note = told(replace(good_run, position_rad=position_rad), name)
+    assert value.endswith("°")
+    assert note.endswith("; not read: servo_c3")
+    assert "not read" not in told(good_run, name)[1]
+    silent = replace(good_run, position_rad=np.full_like(position_rad, np.nan))
+    assert told(silent, name) == ("not read", "")
+    assert [(fact.value, fact.note) for fact in key_facts(None, None, silent) if fact.name == name] == [
+        ("not read", "")
+    ]
+
+
+def test_a_log_that_tells_nothing_of_the_time_of_cycles_says_so(good_run: Run) -> None:
+    n = len(good_run.time_s)
+    timing = {f"{part}_s": np.full(n, 1e-3) for part in ("read", "decide", "send", "record")}
+    timing["read_s"][1:] = np.nan
+    result = replace(good_run.results[0], duration_s=np.nan)
+    lateness_s = np.full(n, 2e-3)
+    lateness_s[0] = np.nan
+    some = replace(good_run, timing=timing, lateness_s=lateness_s, results=(result,))
+    assert told(some, "overruns")[1] == "worst lateness 2.00 ms"
+    assert told(some, "work of a cycle") == (
+        "4.00 ms at most",
+        "medians in ms: read 1.00, decide 1.00, send 1.00, record 1.00",
+    )
+    timing["read_s"][0] = np.nan
+    none = replace(some, lateness_s=np.full(n, np.nan))
+    assert told(none, "overruns")[1] == "worst lateness not told"
+    assert told(none, "work of a cycle")[0] == "not told"
+    assert "read not told, decide 1.00" in told(none, "work of a cycle")[1]
+    assert told(none, "deploy")[0] == "succeeded, how long not told"
+    assert not any("nan" in fact.value + fact.note for fact in (*run_facts(none), *key_facts(None, None, none)))
 
 
 def test_deploying_and_stowing_are_both_told(good_run: Run) -> None:
