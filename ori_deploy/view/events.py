@@ -104,7 +104,7 @@ def _given(command: Mapping[str, Any]) -> list[Any]:
     """The arguments; those that have a name with it."""
     try:
         given = json.loads(command["arguments"] or "{}")
-    except ValueError:
+    except (ValueError, RecursionError):  # no JSON, or none that anybody would have written
         return [command["arguments"]]
     if not isinstance(given, dict):
         return [given]

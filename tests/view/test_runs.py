@@ -358,6 +358,17 @@ def test_a_log_that_tells_nothing_of_the_time_of_cycles_says_so(good_run: Run) -
     assert not any("nan" in fact.value + fact.note for fact in (*run_facts(none), *key_facts(None, None, none)))
 
 
+def test_arguments_nested_too_deeply_to_parse_are_told_as_they_are(good_run: Run) -> None:
+    command = {"time_s": good_run.time_s[0], "command": "arm", "outcome": "refused", "detail": "no"}
+    for arguments in ("[" * 100_000, "{"):
+        (event,) = (
+            e
+            for e in run_events(replace(good_run, commands=({**command, "arguments": arguments},)))
+            if e.kind == "command"
+        )
+        assert event.detail == f"refused {arguments}: no"
+
+
 def test_deploying_and_stowing_are_both_told(good_run: Run) -> None:
     deployed = good_run.results[0]
     stowed = replace(deployed, command="stow", state=State.STOWED)
