@@ -10,6 +10,8 @@ from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
+from matplotlib.text import Text
 
 from ori_deploy.view.ink import house_style
 
@@ -41,9 +43,24 @@ def add_head(figure: Figure, text: str) -> None:
         figure.text(0.02, 0.5 * (1.0 + share), text, va="center", gid="head", **_HEAD)
 
 
+_SPELT = 30
+"""Characters that spelling may make a text long: what was drawn round it left room for as many."""
+
+
+def _spell(figure: Figure) -> None:
+    """Write out by its number what the font has no letter for: names come from files, and an empty box is none."""
+    for text in figure.findobj(Text):
+        font, words = get_font(findfont(text.get_fontproperties())), text.get_text()
+        spelt = "".join(c if c == "\n" or font.get_char_index(ord(c)) else ascii(c)[1:-1] for c in words)
+        if spelt != words:
+            most = max(len(words), _SPELT)
+            text.set_text(spelt if len(spelt) <= most else spelt[: most - 1] + "…")
+
+
 def to_svg(figure: Figure) -> str:
     """A whole SVG document."""
     out = io.StringIO()
+    _spell(figure)
     with house_style():
         FigureCanvasSVG(figure).print_figure(out, format="svg", metadata={"Date": None, "Creator": None})
     return _COMMENT.sub("", out.getvalue())
@@ -76,6 +93,7 @@ def to_png(figure: Figure, dpi: float = 160.0) -> bytes:
         Dots per inch; figures are about 9.5 inches wide.
     """
     out = io.BytesIO()
+    _spell(figure)
     with house_style():
         FigureCanvasAgg(figure).print_figure(out, format="png", dpi=dpi, metadata={"Software": None})
     return out.getvalue()
