@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -17,7 +18,7 @@ class RunEvent:
     Attributes
     ----------
     time_s
-        Since the run's first cycle.
+        Since the run's first cycle; NaN where the log does not say.
     what
         "state", "fault", "command", or what a latch did: "latch confirmed", "latch engaged", "latch released",
         "latch not confirmed", "latch fault".
@@ -52,10 +53,10 @@ class RunEvent:
 
 
 def run_events(run: Run) -> tuple[RunEvent, ...]:
-    """All of them in the order of time; a cause before its effect."""
+    """All of them in the order of time, those without one at the end; a cause before its effect."""
     order = {"command": 0, "latch": 1, "fault": 2, "state": 3}
     events = (*_command_events(run), *latch_events(run), *fault_events(run), *_state_events(run))
-    return tuple(sorted(events, key=lambda e: (e.time_s, order[e.kind])))
+    return tuple(sorted(events, key=lambda e: (math.inf if math.isnan(e.time_s) else e.time_s, order[e.kind])))
 
 
 def _state_events(run: Run) -> list[RunEvent]:

@@ -146,7 +146,5 @@ def _sentence(result: MotionResult, *, first: bool) -> str:
 
 
 def _fault_sentence(fault: Fault, start_s: float) -> str:
-    return (
-        f"Fault {fault.kind} after {fault.time_s - start_s:.2f} s: {fault.thing}: {fault.detail}. "
-        f"Remedy: {fault.remedy}."
-    )
+    when = f" after {fault.time_s - start_s:.2f} s" if np.isfinite(fault.time_s) else ""
+    return f"Fault {fault.kind}{when}: {fault.thing}: {fault.detail}. Remedy: {fault.remedy}."

@@ -135,6 +135,19 @@ def test_page_of_a_fault_says_so_and_never_that_it_deployed(faulted_run: Run) ->
     assert "every latch confirmed" not in page.text
 
 
+def test_a_fault_without_a_time_is_told_without_one(faulted_run: Run) -> None:
+    fault = replace(faulted_run.faults[0], time_s=float("nan"))
+    early = replace(faulted_run.transitions[0], time_s=float("nan"))
+    run = replace(faulted_run, faults=(fault,), transitions=(early, *faulted_run.transitions[1:]))
+    text = render_report("wing", run=run)
+    assert f"Fault {fault.kind}: {fault.thing}" in Page(text).verdict
+    assert not re.search(r"\bnan\b", Page(text).text)
+    times = re.findall(r'<tr class="event-\w+"><td class="number">(.*?)</td>', text)
+    assert times[-2:] == ["not told"] * 2
+    known = [float(time_s) for time_s in times[:-2]]
+    assert known == sorted(known)
+
+
 def test_names_from_files_are_text_and_nothing_else(wing_plan: Plan, faulted_run: Run) -> None:
     fault = Fault(FaultKind.LATCH_LOST, HOSTILE, HOSTILE, HOSTILE, faulted_run.faults[0].time_s)
     info = {**faulted_run.info, "hinge_ids": [HOSTILE] * 4, "rig_file": HOSTILE, "version": HOSTILE}
