@@ -252,4 +252,6 @@ def _unread(data: bytes, finished: bool, passed_over: int, end: int) -> str:
         told.append(f"{rest} bytes follow its end")
     elif not finished and data.endswith(MCAP0_MAGIC) and rest > 0:
         told.append(f"its last {rest} bytes make no sense")
+    elif not finished and told:
+        told.append("its end is missing")
     return ", and ".join(told)

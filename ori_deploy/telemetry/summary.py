@@ -45,7 +45,7 @@ class Summary:
     faults, results
         In order.
     complete
-        False for a log that was cut off.
+        False for a log that was cut off or is damaged.
     """
 
     duration_s: float

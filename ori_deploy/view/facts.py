@@ -211,8 +211,9 @@ def plan_facts(plan: Plan) -> tuple[Fact, ...]:
 def run_facts(run: Run) -> tuple[Fact, ...]:
     """What was carried out."""
     s: Summary = summarise(run)
+    how = "" if s.complete else ", damaged" if run.unread else ", cut off"
     facts = [
-        Fact("length of the log", f"{s.duration_s:.2f} s", f"{s.cycles} cycles{'' if s.complete else ', cut off'}"),
+        Fact("length of the log", f"{s.duration_s:.2f} s", f"{s.cycles} cycles{how}"),
         *(
             Fact(r.command, f"{r.outcome}{_in_time(r.duration_s)}", f"final state {r.state}, {r.cycles} cycles")
             for r in s.results

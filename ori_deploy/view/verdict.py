@@ -71,7 +71,9 @@ def _judged(plan: Plan | None, run: Run | None) -> Verdict:
     final, where = run.state[-1], _where(run)
     if run.dropped:
         reasons.append(f"{run.dropped} records were dropped: the recorder was too far behind, the log has gaps.")
-    if not run.complete:
+    if run.unread:
+        reasons.append(f"The log is damaged: {run.unread}, and what is in it is not known.")
+    elif not run.complete:
         why = "" if run.ending in ("", CLOSED) else f" ({run.ending})"
         reasons.append(f"The log was cut off in state {final}{where}{why}: what came after is not known.")
     if not run.results:

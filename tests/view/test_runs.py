@@ -195,6 +195,13 @@ def test_a_fault_after_deployment_and_a_log_cut_off_are_bad_news(good_run: Run) 
     assert f"at fold {where}" in cut.headline
 
 
+def test_a_damaged_log_is_no_good_news_and_not_called_cut_off(good_run: Run) -> None:
+    found = verdict(None, replace(good_run, complete=False, unread="2 of its parts are damaged"))
+    assert found.tone == "bad"
+    assert any("2 of its parts are damaged" in reason for reason in found.reasons)
+    assert not any("cut off" in reason for reason in found.reasons)
+
+
 def test_of_a_cell_that_fell_silent_it_is_told_where_and_when_it_was_measured_last(good_run: Run) -> None:
     def ends(*silent_from: tuple[int, int]) -> str:
         """Cells, and the rows from which on they say nothing; the others end at fold 0.5."""
