@@ -14,15 +14,9 @@ import numpy as np
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import find_servos, read
 from ori_deploy.actuators.resolve import ResolvedRig
-from ori_deploy.bench.calibration import (
-    HingeZero,
-    Limits,
-    NotCalibrated,
-    Zero,
-    held_zero,
-    stop_zero,
-)
+from ori_deploy.bench.calibration import HingeZero, NotCalibrated, Zero, held_zero
 from ori_deploy.bench.servos import torque_off
+from ori_deploy.bench.walk import Limits, stop_zero
 from ori_deploy.cli.bus_common import Place, confirm, place, tell_json
 from ori_deploy.cli.bus_rig import DECIMALS, check_new, from_template, save_rig, with_zeros
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example, warn

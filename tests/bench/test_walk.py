@@ -10,7 +10,8 @@ import pytest
 from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
-from ori_deploy.bench.calibration import HingeZero, Limits, NotCalibrated, Zero, held_zero, stop_zero
+from ori_deploy.bench.calibration import HingeZero, NotCalibrated, Zero, held_zero
+from ori_deploy.bench.walk import Limits, stop_zero
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from sim_backends.dynamixel.spec import ServoSpec
 from tests.bench.servos import Bench

@@ -1,0 +1,220 @@
+"""Walk a hinge against the stop at one end of its motion, slowly and with little force, to find its zero."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
+from ori_deploy.actuators.dynamixel.startup import velocity_units
+from ori_deploy.bench.calibration import (
+    LEAD_RAD,
+    SCATTER_RAD,
+    TURN,
+    HingeZero,
+    NotCalibrated,
+    StopDetector,
+    Zero,
+    turns_of,
+    zero_at,
+)
+from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of
+from ori_deploy.bench.jog import require_speed
+from ori_deploy.bench.meaning import PWM_FULL
+from ori_deploy.bench.servos import Snapshot
+from ori_deploy.clock import Clock
+from ori_deploy.wire.dynamixel import OperatingMode
+from ori_deploy.wire.dynamixel.registers import COUNTS_PER_TURN
+
+GENTLE = 0.15
+"""Part of the stall current that pushes against a stop, unless somebody says otherwise."""
+
+TOUCHES = 2
+"""How often a stop is met before it is believed."""
+
+BACK_OFF_RAD = 0.1
+
+TOO_FAR = 1.1
+TOO_FAR_RAD = 0.2
+"""No stop is looked for beyond the hinge's whole motion and this much more."""
+
+COOL_C = 5.0
+"""Distance to keep from the servo's own temperature limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When a walk against a stop is given up, and how it is made.
+
+    Attributes
+    ----------
+    speed_rad_s
+        Of the shaft.
+    current_a
+        Most that the motor may take; None for a gentle part of its stall current.
+    max_temperature_c, min_voltage_v
+        Of the rig.
+    """
+
+    speed_rad_s: float
+    current_a: float | None
+    max_temperature_c: float
+    min_voltage_v: float
+
+
+def stop_zero(
+    line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits, clock: Clock, stop: Callable[[], bool]
+) -> Zero:
+    """Walk a hinge against the stop at one end of its motion, twice, and back off a little; the zero it gives.
+
+    What gives way or only sticks is met at two places. What is as rigid as the stop, and before it each time,
+    cannot be told from it: that shows in `Zero.short_rad`, to whoever trusts the old zero.
+
+    Parameters
+    ----------
+    stop
+        Looked at all the time: whether to give up.
+
+    Raises
+    ------
+    NotCalibrated
+        There is no stop within the motion, or it is met at two places; the servo gets hot or its supply sags; or
+        `stop` says so.
+    CommandRefused
+        It cannot turn so fast; nothing moved.
+    BusError
+        The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
+    """
+    require_speed(pong, limits.speed_rad_s)
+    with Guarded(line, pong, clock) as servo:
+        turns, found = turns_of(servo), servo.read(servo.table.present_position)
+        effort_limit = _limit_force(servo, limits)
+        lost = round((found - servo.read(servo.table.present_position)) / COUNTS_PER_TURN)
+        servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
+        servo.hold()
+        places, spread = [], 0.0
+        for _ in range(TOUCHES):
+            detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
+            places.append(detector.position_rad)
+            spread = max(spread, detector.scatter_rad, max(places) - min(places))
+            _back_off(servo, hinge, places[-1], stop)
+        position = _one_place(places, f"{hinge.servo.name} (id {pong.id})")
+    if turns.known:
+        position += lost * TURN  # those that the change of mode made it forget
+    return zero_at(line, pong, hinge, position, spread, wrap=True, turns=turns)
+
+
+def _one_place(places_rad: Sequence[float], name: str) -> float:
+    """The middle of the places where a stop was met, if they are one."""
+    apart = max(places_rad) - min(places_rad)
+    if apart > SCATTER_RAD:
+        raise NotCalibrated(
+            f"{name}: stood still at places {math.degrees(apart):.2f} deg of the shaft apart; "
+            f"limit: {math.degrees(SCATTER_RAD):.2f} deg, as of one stop; "
+            "remedy: see what is in its way or makes it stick, then calibrate again"
+        )
+    return median(places_rad)
+
+
+def _limit_force(servo: Guarded, limits: Limits) -> float:
+    """Bring a servo into a mode in which it gives way; return the most effort it then shows.
+
+    The goal may lie outside the first turn in either mode.
+    """
+    table, model = servo.table, servo.model
+    servo.remember(
+        (
+            table.operating_mode, table.profile_acceleration, table.profile_velocity, table.goal_pwm,
+            table.goal_current, table.position_p_gain, table.position_i_gain, table.position_d_gain,
+            table.feedforward_1st_gain, table.feedforward_2nd_gain,
+        )
+    )  # fmt: skip
+    servo.set(table.drive_mode, 0)
+    if table.goal_current is None or table.current_limit is None or model.current_unit_a is None:
+        servo.set(table.operating_mode, OperatingMode.EXTENDED_POSITION)
+        pwm = _force(servo, limits, model.stall_current_a / PWM_FULL, servo.read(table.pwm_limit))
+        servo.set(table.goal_pwm, pwm)
+        return pwm / PWM_FULL
+    servo.set(table.operating_mode, OperatingMode.CURRENT_BASED_POSITION)
+    units = _force(servo, limits, model.current_unit_a, servo.read(table.current_limit))
+    servo.set(table.goal_current, units)
+    return units * model.current_unit_a
+
+
+def _force(servo: Guarded, limits: Limits, unit_a: float, most: int) -> int:
+    """The current to push with in units of a register, at most what the servo is set to."""
+    if limits.current_a is None:
+        return min(max(1, round(GENTLE * servo.model.stall_current_a / unit_a)), most)
+    units = max(1, round(limits.current_a / unit_a))
+    if units > most:
+        raise NotCalibrated(
+            f"servo {servo.id}: --current {limits.current_a:g} A; limit: {most * unit_a:.2f} A, as it is set; "
+            "remedy: choose less"
+        )
+    return units
+
+
+def _walk(
+    servo: Guarded, hinge: HingeZero, limits: Limits, detector: StopDetector, stop: Callable[[], bool]
+) -> StopDetector:
+    """Go on until the hinge stands against its stop."""
+    name = f"{hinge.servo.name} (id {servo.id})"
+    seen = servo.look()
+    start = goal = seen.position_rad
+    farthest = TOO_FAR * hinge.way_rad + TOO_FAR_RAD
+    hottest = min(limits.max_temperature_c, servo.read(servo.table.temperature_limit) - COOL_C)
+    # A stop that is not reached shows as a hinge that goes too far, or as one that gets nowhere.
+    deadline = servo.clock.now() + 2.0 * farthest / limits.speed_rad_s + 5.0
+    while not detector.at_stop(servo.clock.now(), seen.position_rad, _effort(seen)):
+        way = abs(seen.position_rad - start)
+        _heed(stop, f"{name}: stopped before its stop was found")
+        if way > farthest:
+            raise NotCalibrated(
+                f"{name}: no stop within {math.degrees(way):.1f} deg of the shaft; "
+                f"limit: {math.degrees(farthest):.1f} deg, its whole motion and a little; "
+                "remedy: check that the hinge is coupled, direction and gear_ratio; or use --pose"
+            )
+        if servo.clock.now() > deadline:
+            raise NotCalibrated(
+                f"{name}: neither moving nor at a stop: {math.degrees(way):.1f} deg of the shaft, pressing with "
+                f"{abs(_effort(seen)):.3g}; limit: {detector.least:.3g} at a stop; "
+                "remedy: give --current more, or less where it holds its own weight"
+            )
+        _require_health(name, seen, hottest, limits.min_voltage_v)
+        goal += hinge.towards * limits.speed_rad_s * CYCLE_S
+        goal = min(max(goal, seen.position_rad - LEAD_RAD), seen.position_rad + LEAD_RAD)
+        servo.aim(count_of(goal))
+        seen = servo.look()
+    return detector
+
+
+def _back_off(servo: Guarded, hinge: HingeZero, stop_rad: float, stop: Callable[[], bool]) -> None:
+    """Take the load off the stop; how far it gets does not matter."""
+    name = f"{hinge.servo.name} (id {servo.id})"
+    goal = stop_rad - hinge.towards * BACK_OFF_RAD
+    _heed(stop, f"{name}: stopped at its stop, which it still leans on")
+    servo.aim(count_of(goal))
+    deadline = servo.clock.now() + 2.0
+    while servo.clock.now() < deadline and abs(servo.look().position_rad - goal) > 0.1 * BACK_OFF_RAD:
+        _heed(stop, f"{name}: stopped while it backed off from its stop")
+
+
+def _heed(stop: Callable[[], bool], where: str) -> None:
+    if stop():
+        raise NotCalibrated(where)
+
+
+def _require_health(name: str, seen: Snapshot, hottest_c: float, lowest_v: float) -> None:
+    for what, value, limit, bad in (
+        ("too hot", f"{seen.temperature_c:.0f} °C", f"{hottest_c:.0f} °C", seen.temperature_c >= hottest_c),
+        ("supply too low", f"{seen.voltage_v:.1f} V", f"{lowest_v:.1f} V", seen.voltage_v < lowest_v),
+    ):
+        if bad:
+            raise NotCalibrated(f"{name}: {what}: {value}; limit: {limit}; remedy: see to it, then calibrate again")
+
+
+def _effort(seen: Snapshot) -> float:
+    """Current in amperes, or load as part of the stall torque."""
+    return seen.current_a if seen.current_a is not None else seen.load or 0.0
