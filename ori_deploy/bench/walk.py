@@ -35,6 +35,8 @@ TOUCHES = 2
 """How often a stop is met before it is believed."""
 
 BACK_OFF_RAD = 0.1
+CAME_AWAY_RAD = 0.5 * BACK_OFF_RAD
+"""A hinge that does not come away that far from where it stood did not stand at a stop; far beyond `SCATTER_RAD`."""
 
 TOO_FAR = 1.1
 TOO_FAR_RAD = 0.2
@@ -69,8 +71,9 @@ def stop_zero(
 ) -> Zero:
     """Walk a hinge against the stop at one end of its motion, twice, and back off a little; the zero it gives.
 
-    What gives way or only sticks is met at two places. What is as rigid as the stop, and before it each time,
-    cannot be told from it: that shows in `Zero.short_rad`, to whoever trusts the old zero.
+    What gives way is met at two places, and what is stuck does not come away from one. What is as rigid as the
+    stop, and before it each time, cannot be told from it: that shows in `Zero.short_rad`, to whoever trusts the
+    old zero.
 
     Parameters
     ----------
@@ -80,8 +83,8 @@ def stop_zero(
     Raises
     ------
     NotCalibrated
-        There is no stop within the motion, or it is met at two places; the servo gets hot or its supply sags; or
-        `stop` says so.
+        There is no stop within the motion, it is met at two places, or the hinge does not come away from it; the
+        servo gets hot or its supply sags; or `stop` says so.
     CommandRefused
         It cannot turn so fast; nothing moved.
     BusError
@@ -99,7 +102,7 @@ def stop_zero(
             detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
             places.append(detector.position_rad)
             spread = max(spread, detector.scatter_rad, max(places) - min(places))
-            _back_off(servo, hinge, places[-1], stop)
+            _back_off(servo, hinge, limits, places[-1], stop)
         position = _one_place(places, f"{hinge.servo.name} (id {pong.id})")
     if turns.known:
         position += lost * TURN  # those that the change of mode made it forget
@@ -190,15 +193,26 @@ def _walk(
     return detector
 
 
-def _back_off(servo: Guarded, hinge: HingeZero, stop_rad: float, stop: Callable[[], bool]) -> None:
-    """Take the load off the stop; how far it gets does not matter."""
+def _back_off(servo: Guarded, hinge: HingeZero, limits: Limits, stop_rad: float, stop: Callable[[], bool]) -> None:
+    """Take the load off the stop, and make sure that it was one: what only sticks stays where it is.
+
+    A hinge that has not left a place meets it once, however often it is looked at.
+    """
     name = f"{hinge.servo.name} (id {servo.id})"
     goal = stop_rad - hinge.towards * BACK_OFF_RAD
     _heed(stop, f"{name}: stopped at its stop, which it still leans on")
     servo.aim(count_of(goal))
-    deadline = servo.clock.now() + 2.0
-    while servo.clock.now() < deadline and abs(servo.look().position_rad - goal) > 0.1 * BACK_OFF_RAD:
+    deadline = servo.clock.now() + 2.0 * BACK_OFF_RAD / limits.speed_rad_s + 2.0
+    came = 0.0
+    while servo.clock.now() < deadline and came < 0.9 * BACK_OFF_RAD:
+        came = hinge.towards * (stop_rad - servo.look().position_rad)
         _heed(stop, f"{name}: stopped while it backed off from its stop")
+    if came < CAME_AWAY_RAD:
+        raise NotCalibrated(
+            f"{name}: does not come away from where it stood: {math.degrees(came):.2f} deg of the shaft; "
+            f"limit: {math.degrees(CAME_AWAY_RAD):.2f} deg; it is stuck, or --current is too little to lift it off; "
+            "remedy: free it, or give more"
+        )
 
 
 def _heed(stop: Callable[[], bool], where: str) -> None:

@@ -128,6 +128,30 @@ def test_what_gives_way_is_not_taken_for_the_stop() -> None:
         assert not bench.torque_on()
 
 
+def test_a_shaft_that_is_stuck_both_ways_stands_at_no_stop() -> None:
+    with several_turns() as bench:
+        bench.bus.motors.jammed[0] = True
+        with pytest.raises(
+            NotCalibrated, match=r"servo_1 \(id 1\): does not come away.*: 0\.00 deg.*limit: 2\.86 deg.*--current"
+        ):
+            by_stop(bench, hinge(old_zero_rad=STOP_RAD))
+        assert not bench.torque_on()
+
+
+def test_what_comes_back_no_farther_than_something_elastic_does_is_no_stop() -> None:
+    clamped = ServoSpec(id=1, start_rad=3.58, lower_stop_rad=STOP_RAD - 0.03, upper_stop_rad=STOP_RAD, load_nm=0.05)
+    with Bench(clamped) as bench, pytest.raises(NotCalibrated, match=r"come away from where it stood: 1\.[67]\d deg"):
+        by_stop(bench, hinge())
+
+
+def test_the_slowest_hinge_there_is_has_time_to_come_away_from_its_stop() -> None:
+    with several_turns(start_rad=STOP_RAD - 0.02) as bench:
+        slowest = replace(LIMITS, speed_rad_s=0.024)
+        zero = stop_zero(bench.line, bench.pong(), hinge(STOP_RAD), slowest, bench.clock, lambda: False)
+        assert bench.shaft_rad() < STOP_RAD - 0.08
+    assert zero.zero_rad == pytest.approx(STOP_RAD, abs=0.01)
+
+
 @pytest.mark.parametrize("off_rad", [0.05, -0.05])
 def test_a_stop_is_compared_with_what_the_old_zero_has(off_rad: float) -> None:
     with several_turns() as bench:
