@@ -9,6 +9,7 @@ from statistics import median
 
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import velocity_units
+from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.calibration import (
     LEAD_RAD,
     SCATTER_RAD,
@@ -37,6 +38,9 @@ TOUCHES = 2
 BACK_OFF_RAD = 0.1
 CAME_AWAY_RAD = 0.5 * BACK_OFF_RAD
 """A hinge that does not come away that far from where it stood did not stand at a stop; far beyond `SCATTER_RAD`."""
+
+PAST_RAD = SCATTER_RAD + 4.0 * RAD_PER_COUNT
+"""A hinge that goes farther than this past where it stood still has not stood at its stop."""
 
 TOO_FAR = 1.1
 TOO_FAR_RAD = 0.2
@@ -71,9 +75,9 @@ def stop_zero(
 ) -> Zero:
     """Walk a hinge against the stop at one end of its motion, twice, and back off a little; the zero it gives.
 
-    What gives way is met at two places, and what is stuck does not come away from one. What is as rigid as the
-    stop, and before it each time, cannot be told from it: that shows in `Zero.short_rad`, to whoever trusts the
-    old zero.
+    What gives way is met at two places or passed by, and what is stuck does not come away from one. What is as
+    rigid as the stop, and before it each time, cannot be told from it: that shows in `Zero.short_rad`, to whoever
+    trusts the old zero.
 
     Parameters
     ----------
@@ -97,13 +101,15 @@ def stop_zero(
         lost = round((found - servo.read(servo.table.present_position)) / COUNTS_PER_TURN)
         servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
         servo.hold()
-        places, spread = [], 0.0
+        walk = _Walk(servo, hinge, limits, stop)
+        places: list[float] = []
+        spread = 0.0
         for _ in range(TOUCHES):
-            detector = _walk(servo, hinge, limits, StopDetector(effort_limit), stop)
+            detector = walk.to_stop(StopDetector(effort_limit), places)
             places.append(detector.position_rad)
             spread = max(spread, detector.scatter_rad, max(places) - min(places))
-            _back_off(servo, hinge, limits, places[-1], stop)
-        position = _one_place(places, f"{hinge.servo.name} (id {pong.id})")
+            walk.back_off(places[-1])
+        position = _one_place(places, walk.name)
     if turns.known:
         position += lost * TURN  # those that the change of mode made it forget
     return zero_at(line, pong, hinge, position, spread, wrap=True, turns=turns)
@@ -159,65 +165,81 @@ def _force(servo: Guarded, limits: Limits, unit_a: float, most: int) -> int:
     return units
 
 
-def _walk(
-    servo: Guarded, hinge: HingeZero, limits: Limits, detector: StopDetector, stop: Callable[[], bool]
-) -> StopDetector:
-    """Go on until the hinge stands against its stop."""
-    name = f"{hinge.servo.name} (id {servo.id})"
-    seen = servo.look()
-    start = goal = seen.position_rad
-    farthest = TOO_FAR * hinge.way_rad + TOO_FAR_RAD
-    hottest = min(limits.max_temperature_c, servo.read(servo.table.temperature_limit) - COOL_C)
-    # A stop that is not reached shows as a hinge that goes too far, or as one that gets nowhere.
-    deadline = servo.clock.now() + 2.0 * farthest / limits.speed_rad_s + 5.0
-    while not detector.at_stop(servo.clock.now(), seen.position_rad, _effort(seen)):
-        way = abs(seen.position_rad - start)
-        _heed(stop, f"{name}: stopped before its stop was found")
-        if way > farthest:
+class _Walk:
+    """A hinge on its way to its stop and back again; how far it may go counts from where it stood at first."""
+
+    def __init__(self, servo: Guarded, hinge: HingeZero, limits: Limits, stop: Callable[[], bool]) -> None:
+        self.name = f"{hinge.servo.name} (id {servo.id})"
+        self._servo, self._limits, self._stop = servo, limits, stop
+        self._towards = hinge.towards
+        self._start = servo.look().position_rad
+        self._farthest = TOO_FAR * hinge.way_rad + TOO_FAR_RAD
+        self._hottest = min(limits.max_temperature_c, servo.read(servo.table.temperature_limit) - COOL_C)
+
+    def to_stop(self, detector: StopDetector, met_rad: Sequence[float]) -> StopDetector:
+        """Go on until the hinge stands against its stop, which it has met at these places before."""
+        servo, speed = self._servo, self._limits.speed_rad_s
+        seen = servo.look()
+        goal = seen.position_rad
+        # A stop that is not reached shows as a hinge that goes too far, or as one that gets nowhere.
+        deadline = servo.clock.now() + 2.0 * self._farthest / speed + 5.0
+        while not detector.at_stop(servo.clock.now(), seen.position_rad, _effort(seen)):
+            self._heed("stopped before its stop was found")
+            self._require_way(seen.position_rad, met_rad)
+            if servo.clock.now() > deadline:
+                way = abs(seen.position_rad - self._start)
+                raise NotCalibrated(
+                    f"{self.name}: neither moving nor at a stop: {math.degrees(way):.1f} deg of the shaft, pressing "
+                    f"with {abs(_effort(seen)):.3g}; limit: {detector.least:.3g} at a stop; "
+                    "remedy: give --current more, or less where it holds its own weight"
+                )
+            _require_health(self.name, seen, self._hottest, self._limits.min_voltage_v)
+            goal += self._towards * speed * CYCLE_S
+            goal = min(max(goal, seen.position_rad - LEAD_RAD), seen.position_rad + LEAD_RAD)
+            servo.aim(count_of(goal))
+            seen = servo.look()
+        return detector
+
+    def _require_way(self, position_rad: float, met_rad: Sequence[float]) -> None:
+        """What has met its stop goes no farther: all that may stand behind what gave way is the structure."""
+        if met_rad and self._towards * (position_rad - met_rad[0]) > PAST_RAD:
+            met, now, limit = (math.degrees(rad) for rad in (met_rad[0], position_rad, PAST_RAD))
             raise NotCalibrated(
-                f"{name}: no stop within {math.degrees(way):.1f} deg of the shaft; "
-                f"limit: {math.degrees(farthest):.1f} deg, its whole motion and a little; "
+                f"{self.name}: stood still at {met:.2f} deg of the shaft, and went on past it to {now:.2f} deg; "
+                f"limit: within {limit:.2f} deg, as of one stop; "
+                "remedy: see what was in its way or makes it stick, then calibrate again"
+            )
+        way = abs(position_rad - self._start)
+        if way > self._farthest:
+            raise NotCalibrated(
+                f"{self.name}: no stop within {math.degrees(way):.1f} deg of the shaft; "
+                f"limit: {math.degrees(self._farthest):.1f} deg, its whole motion and a little; "
                 "remedy: check that the hinge is coupled, direction and gear_ratio; or use --pose"
             )
-        if servo.clock.now() > deadline:
+
+    def back_off(self, stop_rad: float) -> None:
+        """Take the load off the stop, and make sure that it was one: what only sticks stays where it is.
+
+        A hinge that has not left a place meets it once, however often it is looked at.
+        """
+        servo = self._servo
+        self._heed("stopped at its stop, which it still leans on")
+        servo.aim(count_of(stop_rad - self._towards * BACK_OFF_RAD))
+        deadline = servo.clock.now() + 2.0 * BACK_OFF_RAD / self._limits.speed_rad_s + 2.0
+        came = 0.0
+        while servo.clock.now() < deadline and came < 0.9 * BACK_OFF_RAD:
+            came = self._towards * (stop_rad - servo.look().position_rad)
+            self._heed("stopped while it backed off from its stop")
+        if came < CAME_AWAY_RAD:
             raise NotCalibrated(
-                f"{name}: neither moving nor at a stop: {math.degrees(way):.1f} deg of the shaft, pressing with "
-                f"{abs(_effort(seen)):.3g}; limit: {detector.least:.3g} at a stop; "
-                "remedy: give --current more, or less where it holds its own weight"
+                f"{self.name}: does not come away from where it stood: {math.degrees(came):.2f} deg of the shaft; "
+                f"limit: {math.degrees(CAME_AWAY_RAD):.2f} deg; it is stuck, or --current is too little to lift it "
+                "off; remedy: free it, or give more"
             )
-        _require_health(name, seen, hottest, limits.min_voltage_v)
-        goal += hinge.towards * limits.speed_rad_s * CYCLE_S
-        goal = min(max(goal, seen.position_rad - LEAD_RAD), seen.position_rad + LEAD_RAD)
-        servo.aim(count_of(goal))
-        seen = servo.look()
-    return detector
 
-
-def _back_off(servo: Guarded, hinge: HingeZero, limits: Limits, stop_rad: float, stop: Callable[[], bool]) -> None:
-    """Take the load off the stop, and make sure that it was one: what only sticks stays where it is.
-
-    A hinge that has not left a place meets it once, however often it is looked at.
-    """
-    name = f"{hinge.servo.name} (id {servo.id})"
-    goal = stop_rad - hinge.towards * BACK_OFF_RAD
-    _heed(stop, f"{name}: stopped at its stop, which it still leans on")
-    servo.aim(count_of(goal))
-    deadline = servo.clock.now() + 2.0 * BACK_OFF_RAD / limits.speed_rad_s + 2.0
-    came = 0.0
-    while servo.clock.now() < deadline and came < 0.9 * BACK_OFF_RAD:
-        came = hinge.towards * (stop_rad - servo.look().position_rad)
-        _heed(stop, f"{name}: stopped while it backed off from its stop")
-    if came < CAME_AWAY_RAD:
-        raise NotCalibrated(
-            f"{name}: does not come away from where it stood: {math.degrees(came):.2f} deg of the shaft; "
-            f"limit: {math.degrees(CAME_AWAY_RAD):.2f} deg; it is stuck, or --current is too little to lift it off; "
-            "remedy: free it, or give more"
-        )
-
-
-def _heed(stop: Callable[[], bool], where: str) -> None:
-    if stop():
-        raise NotCalibrated(where)
+    def _heed(self, where: str) -> None:
+        if self._stop():
+            raise NotCalibrated(f"{self.name}: {where}")
 
 
 def _require_health(name: str, seen: Snapshot, hottest_c: float, lowest_v: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
-from ori_deploy.bench.calibration import HingeZero, NotCalibrated, Zero, held_zero
+from ori_deploy.bench.calibration import LEAD_RAD, HingeZero, NotCalibrated, Zero, held_zero
 from ori_deploy.bench.walk import Limits, stop_zero
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from sim_backends.dynamixel.spec import ServoSpec
@@ -106,26 +107,55 @@ def test_a_hinge_that_backs_off_from_its_stop_stops_where_it_is_when_told_to() -
         assert not bench.torque_on()
 
 
-def test_what_gives_way_is_not_taken_for_the_stop() -> None:
-    with several_turns() as bench:
-        jammed = bench.bus.motors.jammed
+def give_way(bench: Bench, at_rad: float, times: int = 1) -> Callable[[], bool]:
+    """Something holds the shaft there so often, and falls off when it backs off."""
+    jammed, met = bench.bus.motors.jammed, [0]
 
-        def blocked_once() -> bool:
-            """Something holds it before its stop, and falls off when it backs off."""
-            if bench.shaft_rad() > 3.0 and not blocked:
-                blocked.append(True)
-                jammed[0] = True
-            elif bench.servo().rad_of(bench.register("goal_position")) < bench.shaft_rad() - 0.05:
-                jammed[0] = False
+    def look() -> bool:
+        backs_off = bench.servo().rad_of(bench.register("goal_position")) < bench.shaft_rad() - 0.05
+        if jammed[0] and backs_off:
+            jammed[0] = False
+        elif not jammed[0] and not backs_off and bench.shaft_rad() > at_rad and met[0] < times:
+            jammed[0], met[0] = True, met[0] + 1
+        return False
+
+    return look
+
+
+def test_what_gives_way_is_not_taken_for_the_stop_nor_driven_through() -> None:
+    with several_turns() as bench:
+        with pytest.raises(
+            NotCalibrated, match=r"stood still at 17\d\.\d\d deg .* went on past it to 1[78]\d\."
+        ) as told:
+            stop_zero(bench.line, bench.pong(), hinge(), LIMITS, bench.clock, give_way(bench, 3.0))
+        assert "limit: within 1.04 deg, as of one stop; remedy: " in str(told.value)
+        assert 3.0 < bench.shaft_rad() < 3.25
+        assert not bench.torque_on()
+
+
+def test_what_is_met_before_the_place_where_it_was_met_first_is_no_stop() -> None:
+    with several_turns() as bench:
+
+        def in_its_way() -> bool:
+            """Something falls between once it has been at its stop."""
+            backs_off = bench.servo().rad_of(bench.register("goal_position")) < bench.shaft_rad() - 0.02
+            farthest.append(max(farthest[-1], bench.shaft_rad()))
+            was_there = farthest[-1] > STOP_RAD - 0.001 and bench.shaft_rad() < STOP_RAD - 0.03
+            bench.bus.motors.jammed[0] = was_there and bench.shaft_rad() > STOP_RAD - 0.06 and not backs_off
             return False
 
-        blocked: list[bool] = []
-        with pytest.raises(
-            NotCalibrated, match=r"servo_1.* at places 3\d\.\d\d deg of the shaft apart; limit: 0\.69 deg"
-        ):
-            stop_zero(bench.line, bench.pong(), hinge(), LIMITS, bench.clock, blocked_once)
-        assert blocked
-        assert not bench.torque_on()
+        farthest = [0.0]
+        slow = replace(LIMITS, speed_rad_s=0.5)
+        with pytest.raises(NotCalibrated, match=r"at places [23]\.\d\d deg of the shaft apart; limit: 0\.69 deg"):
+            stop_zero(bench.line, bench.pong(), hinge(), slow, bench.clock, in_its_way)
+
+
+def test_the_second_way_to_a_stop_goes_no_farther_than_the_first_may() -> None:
+    """What falls off just before the end of the way does not make it longer."""
+    one = hinge(way_rad=1.8)
+    with several_turns(start_rad=0.0) as bench, pytest.raises(NotCalibrated):
+        stop_zero(bench.line, bench.pong(), one, LIMITS, bench.clock, give_way(bench, 1.94))
+    assert bench.shaft_rad() < 1.1 * one.way_rad + 0.2 + LEAD_RAD
 
 
 def test_a_shaft_that_is_stuck_both_ways_stands_at_no_stop() -> None:
