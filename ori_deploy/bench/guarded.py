@@ -64,7 +64,7 @@ class Guarded:
         self.table = self.model.table
         self.has_watchdog = pong.firmware >= WATCHDOG_FIRMWARE
         self._pong, self._keep_holding = pong, keep_holding
-        self.held_before = self._holding = self._aimed = False
+        self.held_before = self._holding = self._begun = False
         self._found: dict[Register, int] = {}
 
     def __enter__(self) -> Self:
@@ -76,8 +76,8 @@ class Guarded:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         wrong: list[str] = []
-        if self._aimed and isinstance(error, OriDeployError):
-            error.refused = False  # whatever refused it, it has been on its way
+        if self._begun and isinstance(error, OriDeployError):
+            error.refused = False  # whatever refused it, it has been on its way, or counts other turns now
         if error is not None and self._holding:
             self._try(self.stop, "it may still move", wrong)
         holds = self.held_before or (self._keep_holding and error is None)
@@ -134,7 +134,7 @@ class Guarded:
         """
         here = self.read(self.table.present_position)
         if not self._holding:
-            self._refuse_error()
+            require_no_error(self.line, self._pong)
             self.write(self.table.goal_position, here)
             kept = self.read(self.table.goal_position)
             if kept != here:
@@ -145,7 +145,7 @@ class Guarded:
             self._holding = True  # from now on it is let go of at the end, however the write ends
             self.write(self.table.torque_enable, 1)
             if not self.read(self.table.torque_enable):
-                self._refuse_error()
+                require_no_error(self.line, self._pong)
                 raise CommandRefused(f"servo {self.id} takes no torque; remedy: check its supply")
         if self.has_watchdog:
             self.write(self.table.bus_watchdog, round(WATCHDOG_S / WATCHDOG_UNIT_S))
@@ -153,7 +153,7 @@ class Guarded:
 
     def aim(self, count: int) -> None:
         """Send it to a position, in counts. Raises as `startup.write`."""
-        self._aimed = True
+        self._begun = True
         self.write(self.table.goal_position, count)
 
     def stop(self) -> None:
@@ -194,19 +194,12 @@ class Guarded:
         self.write(self.table.goal_position, stands)
         return True
 
-    def _refuse_error(self) -> None:
-        bits = self.read(self.table.hardware_error_status)
-        if bits:
-            raise CommandRefused(
-                f"servo {self.id} takes no torque, reports {error_words(bits)}; "
-                f"remedy: remove the cause, then ori-deploy bus reset-error {self.id}"
-            )
-
     def _put(self, register: Register, value: int) -> None:
         if self.read(register) == value:
             return
         if register in (self.table.operating_mode, self.table.drive_mode):
             mark = mark_of(self.model)
+            self._begun = True
             self.write(mark, mark.default)  # such a change may forget the turns that somebody vouched for
         self.write(register, value)
         kept = self.read(register)
@@ -224,6 +217,22 @@ class Guarded:
             what()
         except BusError:
             wrong.append(otherwise)
+
+
+def require_no_error(line: ServoLine, pong: Pong) -> None:
+    """Make sure that a servo would take torque.
+
+    Raises
+    ------
+    CommandRefused
+        It reports a hardware error.
+    """
+    bits = read(line, pong.id, known_model(pong).table.hardware_error_status)
+    if bits:
+        raise CommandRefused(
+            f"servo {pong.id} takes no torque, reports {error_words(bits)}; "
+            f"remedy: remove the cause, then ori-deploy bus reset-error {pong.id}"
+        )
 
 
 def count_of(position_rad: float) -> int:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 
+from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
-from ori_deploy.actuators.dynamixel.startup import velocity_units
+from ori_deploy.actuators.dynamixel.startup import read, velocity_units
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.calibration import (
     LEAD_RAD,
@@ -21,12 +22,12 @@ from ori_deploy.bench.calibration import (
     turns_of,
     zero_at,
 )
-from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of
+from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of, require_no_error
 from ori_deploy.bench.jog import require_speed
 from ori_deploy.bench.meaning import PWM_FULL
-from ori_deploy.bench.servos import Snapshot
+from ori_deploy.bench.servos import Snapshot, known_model
 from ori_deploy.clock import Clock
-from ori_deploy.wire.dynamixel import OperatingMode
+from ori_deploy.wire.dynamixel import OperatingMode, Register
 from ori_deploy.wire.dynamixel.registers import COUNTS_PER_TURN
 
 GENTLE = 0.15
@@ -90,14 +91,14 @@ def stop_zero(
         There is no stop within the motion, it is met at two places, or the hinge does not come away from it; the
         servo gets hot or its supply sags; or `stop` says so.
     CommandRefused
-        It cannot turn so fast; nothing moved.
+        As `require_walk`; nothing was set. Or the servo does not take what it is set to.
     BusError
         The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
     """
-    require_speed(pong, limits.speed_rad_s)
+    require_walk(line, pong, limits)
     with Guarded(line, pong, clock) as servo:
         turns, found = turns_of(servo), servo.read(servo.table.present_position)
-        effort_limit = _limit_force(servo, limits)
+        effort_limit = _limit_force(servo, pong, limits)
         lost = round((found - servo.read(servo.table.present_position)) / COUNTS_PER_TURN)
         servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
         servo.hold()
@@ -115,6 +116,22 @@ def stop_zero(
     return zero_at(line, pong, hinge, position, spread, wrap=True, turns=turns)
 
 
+def require_walk(line: ServoLine, pong: Pong, limits: Limits) -> float:
+    """Make sure, without setting anything, that a servo can be walked as it is wished; most speed that it then has.
+
+    Raises
+    ------
+    CommandRefused
+        It cannot turn so fast or so slowly, may not take so much current, or reports a hardware error.
+    BusError
+        It does not answer.
+    """
+    fastest = require_speed(pong, limits.speed_rad_s)
+    _force(line, pong, limits)
+    require_no_error(line, pong)
+    return fastest
+
+
 def _one_place(places_rad: Sequence[float], name: str) -> float:
     """The middle of the places where a stop was met, if they are one."""
     apart = max(places_rad) - min(places_rad)
@@ -127,12 +144,12 @@ def _one_place(places_rad: Sequence[float], name: str) -> float:
     return median(places_rad)
 
 
-def _limit_force(servo: Guarded, limits: Limits) -> float:
+def _limit_force(servo: Guarded, pong: Pong, limits: Limits) -> float:
     """Bring a servo into a mode in which it gives way; return the most effort it then shows.
 
     The goal may lie outside the first turn in either mode.
     """
-    table, model = servo.table, servo.model
+    table = servo.table
     servo.remember(
         (
             table.operating_mode, table.profile_acceleration, table.profile_velocity, table.goal_pwm,
@@ -140,29 +157,50 @@ def _limit_force(servo: Guarded, limits: Limits) -> float:
             table.feedforward_1st_gain, table.feedforward_2nd_gain,
         )
     )  # fmt: skip
+    effort = _force(servo.line, pong, limits)
     servo.set(table.drive_mode, 0)
-    if table.goal_current is None or table.current_limit is None or model.current_unit_a is None:
-        servo.set(table.operating_mode, OperatingMode.EXTENDED_POSITION)
-        pwm = _force(servo, limits, model.stall_current_a / PWM_FULL, servo.read(table.pwm_limit))
-        servo.set(table.goal_pwm, pwm)
-        return pwm / PWM_FULL
-    servo.set(table.operating_mode, OperatingMode.CURRENT_BASED_POSITION)
-    units = _force(servo, limits, model.current_unit_a, servo.read(table.current_limit))
-    servo.set(table.goal_current, units)
-    return units * model.current_unit_a
+    servo.set(table.operating_mode, effort.mode)
+    servo.set(effort.register, effort.units)
+    return effort.units * effort.shown
 
 
-def _force(servo: Guarded, limits: Limits, unit_a: float, most: int) -> int:
-    """The current to push with in units of a register, at most what the servo is set to."""
+@dataclass(frozen=True, slots=True)
+class _Force:
+    """What a servo may push with: the register that limits it, in the mode in which it does.
+
+    Attributes
+    ----------
+    mode, register, units
+        To be set.
+    shown
+        What one unit is in readings of its effort.
+    """
+
+    mode: OperatingMode
+    register: Register
+    units: int
+    shown: float
+
+
+def _force(line: ServoLine, pong: Pong, limits: Limits) -> _Force:
+    """The current to push with, at most what the servo is set to."""
+    model = known_model(pong)
+    table, unit = model.table, model.current_unit_a
+    if table.goal_current is None or table.current_limit is None or unit is None:
+        most, unit = read(line, pong.id, table.pwm_limit), model.stall_current_a / PWM_FULL
+        kind = _Force(OperatingMode.EXTENDED_POSITION, table.goal_pwm, most, 1.0 / PWM_FULL)
+    else:
+        most = read(line, pong.id, table.current_limit)
+        kind = _Force(OperatingMode.CURRENT_BASED_POSITION, table.goal_current, most, unit)
     if limits.current_a is None:
-        return min(max(1, round(GENTLE * servo.model.stall_current_a / unit_a)), most)
-    units = max(1, round(limits.current_a / unit_a))
+        return replace(kind, units=min(max(1, round(GENTLE * model.stall_current_a / unit)), most))
+    units = max(1, round(limits.current_a / unit))
     if units > most:
-        raise NotCalibrated(
-            f"servo {servo.id}: --current {limits.current_a:g} A; limit: {most * unit_a:.2f} A, as it is set; "
+        raise CommandRefused(
+            f"servo {pong.id}: --current {limits.current_a:g} A; limit: {most * unit:.2f} A, as it is set; "
             "remedy: choose less"
         )
-    return units
+    return replace(kind, units=units)
 
 
 class _Walk:

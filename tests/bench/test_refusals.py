@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -12,6 +13,7 @@ from ori_deploy.bench.board import release
 from ori_deploy.bench.jog import carry_out, plan_move
 from ori_deploy.bench.restart import reset_error
 from ori_deploy.bench.servos import set_baud, torque_off
+from ori_deploy.bench.walk import Limits, stop_zero
 from ori_deploy.errors import InputError, begun
 from ori_deploy.wire.generated import ori_deploy as d
 from sim_backends.dynamixel.packets import Instruction
@@ -20,6 +22,7 @@ from sim_backends.dynamixel.spec import ServoSpec
 from tests.actuators.mcu.setups import electromagnet, wiring
 from tests.bench.servos import Bench
 from tests.bench.test_board_jog import Setup
+from tests.bench.test_walk import LIMITS, XM, hinge, several_turns, vouch, vouched
 
 OVERHEATING = 0x04
 WRITE = 3
@@ -91,6 +94,48 @@ def test_a_way_that_does_not_begin_is_refused() -> None:
         with pytest.raises(CommandRefused, match="was turned by") as told:
             carry_out(bench.line, move, bench.clock, lambda: False)
     assert told.value.refused
+
+
+def walk(bench: Bench, limits: Limits = LIMITS) -> None:
+    stop_zero(bench.line, bench.pong(), hinge(), limits, bench.clock, lambda: False)
+
+
+@pytest.mark.parametrize(
+    ("error", "current_a", "says"),
+    [(OVERHEATING, None, "servo 1 takes no torque, reports overheating"), (0, 9.0, r"--current 9 A; limit: 3\.21 A")],
+)
+def test_a_walk_that_cannot_begin_is_refused_before_anything_is_set(
+    error: int, current_a: float | None, says: str
+) -> None:
+    with several_turns() as bench:
+        vouch(bench, turns=2)
+        bench.servo().fail(error)
+        stood = bench.register("present_position")
+        bench.told.clear()
+        with pytest.raises(CommandRefused, match=says) as told:
+            walk(bench, replace(LIMITS, current_a=current_a))
+        assert WRITE not in {instruction.code for instruction in bench.told}
+        assert vouched(bench)
+        assert bench.register("present_position") == stood
+    assert told.value.refused
+
+
+def test_a_servo_that_has_forgotten_its_turns_for_a_walk_was_not_refused() -> None:
+    """It finds something wrong with itself only once its mode is another."""
+    mode = XM.table.operating_mode.address.to_bytes(2, "little")
+
+    def fails_then(instruction: Instruction) -> bool:
+        if instruction.code == WRITE and instruction.parameters.startswith(mode):
+            bench.servo().fail(OVERHEATING)
+        return True
+
+    with several_turns() as bench:
+        vouch(bench, turns=2)
+        bench._hears = fails_then
+        with pytest.raises(CommandRefused, match="takes no torque, reports overheating") as told:
+            walk(bench)
+        assert not vouched(bench)
+    assert not told.value.refused
 
 
 def test_a_latch_that_is_not_let_go_comes_after_hinges_that_were() -> None:

@@ -256,7 +256,7 @@ def test_more_current_than_the_servo_is_set_to_is_refused(wing: Wing, tmp_path: 
         refused = calibrate(wing, rig, bus, "--hinge", "c4", "--stop", "closing", "--current", 9.0, "--yes")
         assert restored(bus, found)
         assert bus.truth()[4].moved_s < 0.0
-    assert refused.exit_code == 1
+    assert refused.exit_code == 3
     is_one_line(refused, "servo 4", "9 A", "3.21 A", "remedy: ")
     assert untouched(rig, before)
 
