@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -95,15 +95,12 @@ class Zero:
         Spread of the readings.
     zero_rad
         What goes into the rig.
-    turns_forgotten
-        Somebody had vouched for the servo's turns, and has to do so again.
     """
 
     hinge: HingeZero
     shaft_rad: float
     scatter_rad: float
     zero_rad: float
-    turns_forgotten: bool = False
 
     @property
     def short_rad(self) -> float:
@@ -188,8 +185,15 @@ class StopDetector:
         return max(positions) - min(positions)
 
 
-def held_zero(line: ServoLine, pong: Pong, hinge: HingeZero, clock: Clock) -> Zero:
+def held_zero(
+    line: ServoLine, pong: Pong, hinge: HingeZero, clock: Clock, forgets: Callable[[], None] = lambda: None
+) -> Zero:
     """The zero of a hinge that is held in a known pose, its servo limp.
+
+    Parameters
+    ----------
+    forgets
+        As of `Guarded`: its sense has to be changed.
 
     Raises
     ------
@@ -199,35 +203,26 @@ def held_zero(line: ServoLine, pong: Pong, hinge: HingeZero, clock: Clock) -> Ze
         The servo does not answer.
     """
     name = f"{hinge.servo.name} (id {pong.id})"
-    with Guarded(line, pong, clock) as servo:
+    with Guarded(line, pong, clock, forgets=forgets) as servo:
         if servo.read(servo.table.torque_enable):
             raise NotCalibrated(
                 f"{name}: torque is on; limit: limp, or it holds what nobody chose; "
                 f"remedy: ori-deploy bus torque-off {pong.id}, with the structure held by hand"
             )
-        turns = turns_of(servo)
+        turns_known = knows_turns(servo)
         servo.set(servo.table.drive_mode, 0)  # as the controller will have it: not reversed
         position, spread = steady([servo.look().position_rad for _ in range(READINGS)], name)
         wrap = servo.read(servo.table.operating_mode) != OperatingMode.POSITION
-    return zero_at(line, pong, hinge, position, spread, wrap=wrap, turns=turns)
+    return zero_at(line, pong, hinge, position, spread, wrap=wrap, turns_known=turns_known)
 
 
-@dataclass(frozen=True, slots=True)
-class Turns:
-    """Whether somebody had vouched for a servo's turns, and whether its readings are of these turns."""
-
-    vouched: bool
-    known: bool
-
-
-def turns_of(servo: Guarded) -> Turns:
-    """To be asked before anything is set: whoever changes a mode takes the word back."""
-    vouched = servo.read(mark_of(servo.model)) == MARK_ADDRESS
-    return Turns(vouched, known=vouched and servo.read(servo.table.drive_mode) == 0)
+def knows_turns(servo: Guarded) -> bool:
+    """Whether its readings are of turns that somebody has vouched for; to be asked before anything is set."""
+    return servo.read(mark_of(servo.model)) == MARK_ADDRESS and servo.read(servo.table.drive_mode) == 0
 
 
 def zero_at(
-    line: ServoLine, pong: Pong, hinge: HingeZero, shaft_rad: float, spread: float, *, wrap: bool, turns: Turns
+    line: ServoLine, pong: Pong, hinge: HingeZero, shaft_rad: float, spread: float, *, wrap: bool, turns_known: bool
 ) -> Zero:
     """The zero, in the turn that the controller will find the servo in."""
     model = known_model(pong)
@@ -236,11 +231,8 @@ def zero_at(
         offset = read(line, pong.id, model.table.homing_offset)
         shaft += (as_switched_on(count_of(shaft_rad), offset) - count_of(shaft_rad)) * RAD_PER_COUNT
     zero = zero_rad(shaft, hinge.shaft_per_crease, hinge.crease_rad)
-    if hinge.servo.one_turn:
-        return Zero(hinge, shaft, spread, zero)
-    forgotten = turns.vouched and read(line, pong.id, mark_of(model)) != MARK_ADDRESS
-    if not turns.known:
+    if not hinge.servo.one_turn and not turns_known:
         # Its turns are anybody's guess until somebody vouches for them, which is done from the rig's zero.
         nearest = nearest_turn(zero, hinge.old_zero_rad)
-        return Zero(hinge, shaft + nearest - zero, spread, nearest, forgotten)
-    return Zero(hinge, shaft, spread, zero, forgotten)
+        return Zero(hinge, shaft + nearest - zero, spread, nearest)
+    return Zero(hinge, shaft, spread, zero)

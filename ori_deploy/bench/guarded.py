@@ -8,7 +8,7 @@ from typing import Self
 
 from ori_deploy.actuators.bus import ActuatorFault, BusError, CommandRefused
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
-from ori_deploy.actuators.dynamixel.startup import mark_of, read, write
+from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, read, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.meaning import error_words
 from ori_deploy.bench.servos import Snapshot, known_model, snapshot
@@ -37,7 +37,8 @@ class Guarded:
     """A context in which one servo is moved.
 
     On the way out the watchdog is off, the torque as it was found, and every register that was set holds what
-    it held before. After an exception the servo is stopped where it is first.
+    it held before. After an exception the servo is stopped where it is first. Nobody's word for its turns is given
+    back: whoever changes its mode makes it forget them.
 
     Parameters
     ----------
@@ -49,6 +50,8 @@ class Guarded:
         Real time.
     keep_holding
         Leave torque on at the end, unless an exception ends it.
+    forgets
+        Called as soon as it is about to forget turns that somebody had vouched for, whatever becomes of it then.
 
     Attributes
     ----------
@@ -58,12 +61,20 @@ class Guarded:
         Whether its firmware has one.
     """
 
-    def __init__(self, line: ServoLine, pong: Pong, clock: Clock, *, keep_holding: bool = False) -> None:
+    def __init__(
+        self,
+        line: ServoLine,
+        pong: Pong,
+        clock: Clock,
+        *,
+        keep_holding: bool = False,
+        forgets: Callable[[], None] = lambda: None,
+    ) -> None:
         self.line, self.clock, self.id = line, clock, pong.id
         self.model = known_model(pong)
         self.table = self.model.table
         self.has_watchdog = pong.firmware >= WATCHDOG_FIRMWARE
-        self._pong, self._keep_holding = pong, keep_holding
+        self._pong, self._keep_holding, self._forgets = pong, keep_holding, forgets
         self.held_before = self._holding = self._begun = False
         self._found: dict[Register, int] = {}
 
@@ -198,13 +209,19 @@ class Guarded:
         if self.read(register) == value:
             return
         if register in (self.table.operating_mode, self.table.drive_mode):
-            mark = mark_of(self.model)
-            self._begun = True
-            self.write(mark, mark.default)  # such a change may forget the turns that somebody vouched for
+            self._take_back_word()
         self.write(register, value)
         kept = self.read(register)
         if kept != value:
             raise CommandRefused(f"servo {self.id}: {register.name} reads {kept} after {value} was written")
+
+    def _take_back_word(self) -> None:
+        """A change of mode or sense may forget the turns that somebody vouched for."""
+        mark = mark_of(self.model)
+        self._begun = True
+        if self.read(mark) == MARK_ADDRESS:
+            self._forgets()
+        self.write(mark, mark.default)
 
     def _let_go(self) -> None:
         self.write(self.table.torque_enable, 0)

@@ -19,7 +19,7 @@ from ori_deploy.bench.calibration import (
     NotCalibrated,
     StopDetector,
     Zero,
-    turns_of,
+    knows_turns,
     zero_at,
 )
 from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of, require_no_error
@@ -72,7 +72,13 @@ class Limits:
 
 
 def stop_zero(
-    line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits, clock: Clock, stop: Callable[[], bool]
+    line: ServoLine,
+    pong: Pong,
+    hinge: HingeZero,
+    limits: Limits,
+    clock: Clock,
+    stop: Callable[[], bool],
+    forgets: Callable[[], None] = lambda: None,
 ) -> Zero:
     """Walk a hinge against the stop at one end of its motion, twice, and back off a little; the zero it gives.
 
@@ -84,6 +90,8 @@ def stop_zero(
     ----------
     stop
         Looked at all the time: whether to give up.
+    forgets
+        As of `Guarded`: its mode has to be changed.
 
     Raises
     ------
@@ -93,11 +101,12 @@ def stop_zero(
     CommandRefused
         As `require_walk`; nothing was set. Or the servo does not take what it is set to.
     BusError
-        The servo reports an error or does not answer. It is limp and as it was found, as far as it answers.
+        The servo reports an error or does not answer. It is limp and as it was found, as far as it answers; turns
+        that it forgot stay forgotten.
     """
     require_walk(line, pong, limits)
-    with Guarded(line, pong, clock) as servo:
-        turns, found = turns_of(servo), servo.read(servo.table.present_position)
+    with Guarded(line, pong, clock, forgets=forgets) as servo:
+        turns_known, found = knows_turns(servo), servo.read(servo.table.present_position)
         effort_limit = _limit_force(servo, pong, limits)
         lost = round((found - servo.read(servo.table.present_position)) / COUNTS_PER_TURN)
         servo.set(servo.table.profile_velocity, velocity_units(limits.speed_rad_s))
@@ -111,9 +120,9 @@ def stop_zero(
             spread = max(spread, detector.scatter_rad, max(places) - min(places))
             walk.back_off(places[-1])
         position = _one_place(places, walk.name)
-    if turns.known:
+    if turns_known:
         position += lost * TURN  # those that the change of mode made it forget
-    return zero_at(line, pong, hinge, position, spread, wrap=True, turns=turns)
+    return zero_at(line, pong, hinge, position, spread, wrap=True, turns_known=turns_known)
 
 
 def require_walk(line: ServoLine, pong: Pong, limits: Limits) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -136,19 +137,23 @@ def _measure(
             with begun(already=limp or (limits is not None and bool(found))):  # those before it have been walked
                 if limits is None:
                     confirm(f"{name}: held at {math.degrees(hinge.crease_rad):.2f} deg of its crease?", yes=yes)
-                    zero = held_zero(line, pong, hinge, clock)
+                    zero = held_zero(line, pong, hinge, clock, partial(_warn_of_turns, hinge))
                 else:
                     confirm(f"{name}: walks to its stop. Is its way free?", yes=yes)
                     zero = _by_stop(line, pong, hinge, limits)
             found.append(zero)
             found_at = "" if limits is None else f"; {_against_old(zero)}"
             click.echo(f"{name}: zero_rad {hinge.old_zero_rad:.6f}, found {zero.zero_rad:.6f}{found_at}", err=True)
-            if zero.turns_forgotten:
-                warn(
-                    f"{hinge.servo.name}, of more than one turn, has forgotten its turns: "
-                    "say --stands stowed or --stands deployed with the next motion"
-                )
     return found
+
+
+def _warn_of_turns(hinge: HingeZero) -> None:
+    """Said at once: it has forgotten them however its calibration ends."""
+    if not hinge.servo.one_turn:
+        warn(
+            f"{hinge.servo.name}, of more than one turn, has forgotten its turns: "
+            "say --stands stowed or --stands deployed with the next motion"
+        )
 
 
 def _against_old(zero: Zero) -> str:
@@ -160,7 +165,10 @@ def _against_old(zero: Zero) -> str:
 def _by_stop(line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits) -> Zero:
     with StopRequest() as stop:
         try:
-            zero, why = stop_zero(line, pong, hinge, limits, MonotonicClock(), lambda: stop.requested), "at its stop"
+            zero = stop_zero(
+                line, pong, hinge, limits, MonotonicClock(), lambda: stop.requested, partial(_warn_of_turns, hinge)
+            )
+            why = "at its stop"
         except NotCalibrated as ended:
             if not stop.requested:
                 raise

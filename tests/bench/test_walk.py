@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from ori_deploy.actuators.bus import CommandRefused
+from ori_deploy.actuators.bus import BusTimeout, CommandRefused
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
 from ori_deploy.bench.calibration import LEAD_RAD, HingeZero, NotCalibrated, Zero, held_zero
@@ -47,19 +47,38 @@ def vouched(bench: Bench) -> bool:
     return bench.line.read(1, mark_of(XM)) == MARK_ADDRESS
 
 
-def by_stop(bench: Bench, one: HingeZero) -> Zero:
-    return stop_zero(bench.line, bench.pong(), one, LIMITS, bench.clock, lambda: False)
+def by_stop(bench: Bench, one: HingeZero, forgets: Callable[[], None] = lambda: None) -> Zero:
+    return stop_zero(bench.line, bench.pong(), one, LIMITS, bench.clock, lambda: False, forgets)
 
 
 def test_nobody_vouches_any_more_for_turns_that_a_calibration_lost() -> None:
+    forgotten: list[bool] = []
     with several_turns() as bench:
         vouch(bench)
         before = bench.shaft_rad() - bench.register("present_position") * RAD_PER_COUNT
-        zero = by_stop(bench, hinge())
+        by_stop(bench, hinge(), lambda: forgotten.append(vouched(bench)))
         after = bench.shaft_rad() - bench.register("present_position") * RAD_PER_COUNT
         assert after - before == pytest.approx(TURN, abs=0.01)  # the mode came back, and it counts from its turn now
         assert not vouched(bench)
-    assert zero.turns_forgotten
+    assert forgotten == [True]  # told once, and before it is done
+
+
+@pytest.mark.parametrize("ends", [NotCalibrated, BusTimeout, KeyboardInterrupt])
+def test_turns_that_were_lost_are_told_of_however_a_walk_ends(ends: type[BaseException]) -> None:
+    def end() -> bool:
+        if ends is NotCalibrated:
+            return True
+        raise ends
+
+    forgotten: list[bool] = []
+    with several_turns() as bench:
+        vouch(bench)
+        with pytest.raises(ends):
+            stop_zero(
+                bench.line, bench.pong(), hinge(), LIMITS, bench.clock, end, lambda: forgotten.append(vouched(bench))
+            )
+        assert not vouched(bench)
+    assert forgotten == [True]
 
 
 def test_turns_that_were_vouched_for_are_those_of_the_zero() -> None:
@@ -72,23 +91,27 @@ def test_turns_that_were_vouched_for_are_those_of_the_zero() -> None:
 
 
 def test_turns_that_nobody_vouched_for_are_those_of_the_old_zero() -> None:
+    forgotten: list[bool] = []
     with several_turns() as bench:
         write(bench.line, 1, XM.table.operating_mode, OperatingMode.EXTENDED_POSITION)
-        zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD - 2 * TURN))
+        zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD - 2 * TURN), lambda: forgotten.append(True))
     assert zero.zero_rad == pytest.approx(STOP_RAD - 2 * TURN, abs=0.01)
-    assert not zero.turns_forgotten
+    assert not forgotten
 
 
 @pytest.mark.parametrize("reversed_before", [False, True])
 def test_a_held_pose_leaves_the_word_for_its_turns_unless_the_sense_had_to_be_changed(reversed_before: bool) -> None:
+    forgotten: list[bool] = []
     with several_turns() as bench:
         vouch(bench, turns=2)
         if reversed_before:
             bench.servo().put(XM.table.drive_mode, 1)
-        zero = held_zero(bench.line, bench.pong(), hinge(old_zero_rad=2.5), bench.clock)
+        zero = held_zero(
+            bench.line, bench.pong(), hinge(old_zero_rad=2.5), bench.clock, lambda: forgotten.append(True)
+        )
         assert vouched(bench) is not reversed_before
     assert zero.zero_rad == pytest.approx(2.5 if reversed_before else 2.5 + 2 * TURN, abs=0.01)
-    assert zero.turns_forgotten is reversed_before
+    assert forgotten == [True] * reversed_before
 
 
 def test_a_hinge_that_backs_off_from_its_stop_stops_where_it_is_when_told_to() -> None:
