@@ -17,7 +17,7 @@ from ori_deploy.actuators.dynamixel.startup import find_servos, read
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.bench.calibration import HingeZero, NotCalibrated, Zero, held_zero
 from ori_deploy.bench.servos import torque_off
-from ori_deploy.bench.walk import Limits, stop_zero
+from ori_deploy.bench.walk import Limits, require_walk, stop_zero
 from ori_deploy.cli.bus_common import Place, confirm, place, tell_json
 from ori_deploy.cli.bus_rig import DECIMALS, check_new, from_template, save_rig, with_zeros
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example, warn
@@ -130,16 +130,20 @@ def _measure(
     with where.opened() as line:
         wiring = replace(rig.wiring, hinges=tuple(hinge.servo for hinge in hinges), pins=())
         pongs = find_servos(line, wiring)
-        limp = _let_go(line, [pongs[hinge.servo.id] for hinge in hinges], yes=yes)
-        for hinge in hinges:
+        chosen = [pongs[hinge.servo.id] for hinge in hinges]
+        # What cannot be walked is found out before what the others hold up comes down.
+        fastest = {} if limits is None else {pong.id: require_walk(line, pong, limits) for pong in chosen}
+        limp = _let_go(line, chosen, yes=yes)
+        for hinge, pong in zip(hinges, chosen, strict=True):
             name = f"{hinge.servo.name} (id {hinge.servo.id}, {hinge.crease} of cell {hinge.cell})"
-            pong = pongs[hinge.servo.id]
             with begun(already=limp or (limits is not None and bool(found))):  # those before it have been walked
                 if limits is None:
                     confirm(f"{name}: held at {math.degrees(hinge.crease_rad):.2f} deg of its crease?", yes=yes)
                     zero = held_zero(line, pong, hinge, clock, partial(_warn_of_turns, hinge))
                 else:
-                    confirm(f"{name}: walks to its stop. Is its way free?", yes=yes)
+                    speed = math.degrees(fastest[pong.id])
+                    click.echo(f"{name}: walks to its stop, at up to {speed:.2f} deg/s of the shaft", err=True)
+                    confirm(f"{name}: is its way free?", yes=yes)
                     zero = _by_stop(line, pong, hinge, limits)
             found.append(zero)
             found_at = "" if limits is None else f"; {_against_old(zero)}"

@@ -1,0 +1,114 @@
+"""`bus calibrate` on virtual servos in this process and in virtual time: what it says, and how it ends."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ori_deploy.actuators.bus import ActuatorFault, CommandRefused
+from ori_deploy.actuators.dynamixel.line import ServoLine
+from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
+from ori_deploy.actuators.dynamixel.wiring import HingeServo
+from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
+from ori_deploy.actuators.rig import parse_rig
+from ori_deploy.bench.calibration import HingeZero, Zero
+from ori_deploy.bench.walk import Limits
+from ori_deploy.cli import bus_calibrate
+from ori_deploy.cli.bus_common import Place
+from ori_deploy.wire.dynamixel import OperatingMode, model_named
+from sim_backends.dynamixel.packets import Instruction
+from sim_backends.dynamixel.spec import ServoSpec
+from tests.bench.servos import Bench
+
+RIG = Path(__file__).parents[2] / "examples" / "rig_wing_dynamixel.toml"
+WRITES = {3, 131}
+XM = model_named("xm430")
+STOP_RAD = 1.0
+LIMITS = Limits(speed_rad_s=math.radians(100.0), current_a=None, max_temperature_c=70.0, min_voltage_v=10.0)
+
+
+def rig() -> ResolvedRig:
+    cells = ("c1", "c2", "c3", "c4")
+    return resolve_rig(parse_rig(tomllib.loads(RIG.read_text()), "rig.toml"), cells, ("slit:P-T2",))
+
+
+def hinge(k: int, turns: int = 1) -> HingeZero:
+    """One that stands at its stop where its crease is at 0."""
+    mode = OperatingMode.POSITION if turns == 1 else OperatingMode.EXTENDED_POSITION
+    servo = HingeServo(f"servo_{k}", k, XM, mode, 0, 4096 * turns - 1)
+    return HingeZero(servo, f"c{k}", "close_a", -1.0, STOP_RAD, 0.0, 1.0)
+
+
+class AtBench(Place):
+    """Whose line leads to a bench."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__("virtual", (1_000_000,), None)
+        object.__setattr__(self, "_bench", bench)
+
+    @contextmanager
+    def opened(self) -> Iterator[ServoLine]:
+        yield self._bench.line  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    servos = [ServoSpec(id=k, start_rad=0.8, upper_stop_rad=STOP_RAD, load_nm=0.05) for k in (1, 2)]
+    with Bench(*servos) as made:
+        monkeypatch.setattr(bus_calibrate, "MonotonicClock", lambda: made.clock)
+        yield made
+
+
+def measure(bench: Bench, *hinges: HingeZero, limits: Limits = LIMITS) -> list[Zero]:
+    return bus_calibrate._measure(AtBench(bench), rig(), hinges, limits, yes=True)
+
+
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        (replace(LIMITS, speed_rad_s=math.radians(400.0)), "servo 1: --speed 400 deg/s; limit: "),
+        (replace(LIMITS, current_a=2.5), "servo 2: --current 2.5 A; limit: 2.00 A, as it is set; remedy: "),
+    ],
+)
+def test_a_walk_that_a_hinge_cannot_make_is_refused_while_all_hold(bench: Bench, limits: Limits, says: str) -> None:
+    write(bench.line, 2, XM.table.current_limit or XM.table.pwm_limit, 743)  # 2 A
+    for k in (1, 2):
+        write(bench.line, k, XM.table.torque_enable, 1)
+    bench.told.clear()
+    with pytest.raises(CommandRefused, match=says) as told:
+        measure(bench, hinge(1), hinge(2), limits=limits)
+    assert told.value.refused
+    assert bench.torque_on(1)
+    assert bench.torque_on(2)
+    assert WRITES.isdisjoint(instruction.code for instruction in bench.told)
+
+
+def test_a_walk_says_how_fast_it_may_go(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    """A servo's profile has steps; it goes at the next one."""
+    measure(bench, hinge(1), limits=replace(LIMITS, speed_rad_s=math.radians(14.0)))
+    err = capsys.readouterr().err
+    assert "servo_1 (id 1, close_a of cell c1): walks to its stop, at up to 15.11 deg/s of the shaft\n" in err
+
+
+@pytest.mark.parametrize(("turns", "warnings"), [(3, 1), (1, 0)])
+def test_a_walk_that_ends_badly_warns_of_the_turns_that_it_cost(
+    bench: Bench, capsys: pytest.CaptureFixture[str], turns: int, warnings: int
+) -> None:
+    write(bench.line, 1, mark_of(XM), MARK_ADDRESS)
+
+    def fails_on_its_way(_: Instruction) -> bool:
+        if bench.shaft_rad() > 0.9:
+            bench.servo().fail(0x20)
+        return True
+
+    bench._hears = fails_on_its_way
+    with pytest.raises(ActuatorFault, match="overload"):
+        measure(bench, hinge(1, turns))
+    said = capsys.readouterr().err
+    assert said.count("warning: servo_1, of more than one turn, has forgotten its turns: say --stands") == warnings
