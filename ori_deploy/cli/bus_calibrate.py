@@ -177,10 +177,11 @@ def _by_stop(line: ServoLine, pong: Pong, hinge: HingeZero, limits: Limits) -> Z
             if not stop.requested:
                 raise
             zero, why = None, str(ended)
-        if zero is None or stop.requested:  # an interrupt at the stop itself ends it too: no other hinge may move
-            click.echo(f"interrupted: {why}; it is limp, and nothing was written", err=True)
-            sys.exit(EXIT_INTERRUPTED)
-        return zero
+    # Looked at once no signal is only noted any more. One at the stop itself ends it too: no other hinge may move.
+    if zero is None or stop.requested:
+        click.echo(f"interrupted: {why}; it is limp, and nothing was written", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    return zero
 
 
 def _let_go(line: ServoLine, pongs: list[Pong], *, yes: bool) -> bool:

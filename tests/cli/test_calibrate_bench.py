@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import signal
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,6 +23,7 @@ from ori_deploy.bench.calibration import HingeZero, Zero
 from ori_deploy.bench.walk import Limits
 from ori_deploy.cli import bus_calibrate
 from ori_deploy.cli.bus_common import Place
+from ori_deploy.cli.session import StopRequest
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from sim_backends.dynamixel.packets import Instruction
 from sim_backends.dynamixel.spec import ServoSpec
@@ -112,3 +115,22 @@ def test_a_walk_that_ends_badly_warns_of_the_turns_that_it_cost(
         measure(bench, hinge(1, turns))
     said = capsys.readouterr().err
     assert said.count("warning: servo_1, of more than one turn, has forgotten its turns: say --stands") == warnings
+
+
+def test_a_signal_that_comes_when_a_hinge_is_done_lets_no_other_one_walk(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Late(StopRequest):
+        """The signal comes after the last look at it."""
+
+        def __exit__(self, *error: Any) -> None:
+            signal.raise_signal(signal.SIGINT)
+            super().__exit__(*error)
+
+    monkeypatch.setattr(bus_calibrate, "StopRequest", Late)
+    with pytest.raises(SystemExit) as ended:
+        measure(bench, hinge(1), hinge(2))
+    assert ended.value.code == 130
+    assert "interrupted: at its stop; it is limp, and nothing was written" in capsys.readouterr().err
+    assert bench.shaft_rad(1) > 0.85
+    assert bench.shaft_rad(2) == 0.8
