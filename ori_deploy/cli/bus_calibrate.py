@@ -24,7 +24,7 @@ from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example, warn
 from ori_deploy.cli.session import StopRequest, rig_for
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import FileError, InputError, RigError, begun
-from ori_deploy.files import load_plan
+from ori_deploy.files import digest, load_plan
 from ori_deploy.motion import Plan
 
 End = Literal["stowed", "deployed"]
@@ -196,15 +196,14 @@ def _let_go(line: ServoLine, pongs: list[Pong], *, yes: bool) -> bool:
 
 def _write(rig_file: Path, rig: ResolvedRig, plan: Plan, found: list[Zero], *, as_json: bool) -> None:
     zeros = {zero.hinge.cell: zero.zero_rad for zero in found}
-    old = rig_file.read_bytes().decode("utf-8")  # line ends as they are
-    new_entries = [cell for cell in from_template(old, rig) if cell in zeros]
-    text = with_zeros(old, rig, zeros)
-    check_new(text, rig, plan, zeros)
     with StopRequest():  # a signal waits until both files are there
         try:
-            backup = save_rig(rig_file, text, rig.sha256)
-        except FileError as wrong:  # no bad input any more: hinges have been calibrated
-            raise NotCalibrated(str(wrong)) from wrong
+            backup, new_entries = _save(rig_file, rig, plan, zeros)
+        except (FileError, OSError, ValueError) as wrong:  # no bad input any more: hinges have been calibrated
+            what = ", ".join(f"{cell} {zero:.{DECIMALS}f}" for cell, zero in zeros.items())
+            raise NotCalibrated(
+                f"zero_rad were found and not written, {what}: {_remedied(wrong, rig_file)}"
+            ) from wrong
     if as_json:
         tell_json(
             {
@@ -224,6 +223,27 @@ def _write(rig_file: Path, rig: ResolvedRig, plan: Plan, found: list[Zero], *, a
             "they have [[actuator]] and [[hinge]] entries of their own now"
         )
     click.echo(f"the old file is {backup}")
+
+
+def _save(rig_file: Path, rig: ResolvedRig, plan: Plan, zeros: dict[str, float]) -> tuple[Path, list[str]]:
+    """Write the zeros into the file that was read at first; where the old one is, and cells with new entries."""
+    if digest(rig_file) != rig.sha256:  # what came instead may be anything, half a file among it
+        raise FileError(
+            f"{rig_file}: changed while the hinges were calibrated",
+            limit="the file that was read",
+            remedy="put them in by hand, or calibrate again",
+        )
+    old = rig_file.read_bytes().decode("utf-8")  # line ends as they are
+    new_entries = [cell for cell in from_template(old, rig) if cell in zeros]
+    text = with_zeros(old, rig, zeros)
+    check_new(text, rig, plan, zeros)
+    return save_rig(rig_file, text, rig.sha256), new_entries
+
+
+def _remedied(wrong: Exception, rig_file: Path) -> str:
+    if isinstance(wrong, FileError):
+        return str(wrong)
+    return f"{rig_file}: {wrong}; remedy: put them in by hand, or calibrate again"
 
 
 def _zero_json(zero: Zero) -> dict[str, object]:

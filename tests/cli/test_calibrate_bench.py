@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -19,11 +19,13 @@ from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, write
 from ori_deploy.actuators.dynamixel.wiring import HingeServo
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import parse_rig
-from ori_deploy.bench.calibration import HingeZero, Zero
+from ori_deploy.bench.calibration import HingeZero, NotCalibrated, Zero
 from ori_deploy.bench.walk import Limits
 from ori_deploy.cli import bus_calibrate
 from ori_deploy.cli.bus_common import Place
 from ori_deploy.cli.session import StopRequest
+from ori_deploy.files import digest
+from ori_deploy.motion import Plan
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
 from sim_backends.dynamixel.packets import Instruction
 from sim_backends.dynamixel.spec import ServoSpec
@@ -134,3 +136,49 @@ def test_a_signal_that_comes_when_a_hinge_is_done_lets_no_other_one_walk(
     assert "interrupted: at its stop; it is limp, and nothing was written" in capsys.readouterr().err
     assert bench.shaft_rad(1) > 0.85
     assert bench.shaft_rad(2) == 0.8
+
+
+def plan() -> Plan:
+    """None: it is looked at only where there is a file to write."""
+    return cast("Plan", None)
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "says"),
+    [
+        (None, "cannot be read; found No such file or directory"),
+        (b"schema = 'ori-depl", "changed while"),
+        (b"# \xe4", "changed while"),
+    ],
+)
+def test_zeros_are_told_when_the_rig_is_no_file_any_more_to_put_them_into(
+    tmp_path: Path, meanwhile: bytes | None, says: str
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(RIG.read_bytes())
+    read = replace(rig(), sha256=digest(path))
+    if meanwhile is None:
+        path.unlink()
+    else:
+        path.write_bytes(meanwhile)
+    found = [Zero(hinge(k), 0.0, 0.0, 0.25 * k) for k in (1, 2)]
+    with pytest.raises(
+        NotCalibrated, match=rf"not written, c1 0\.250000, c2 0\.500000: .*rig\.toml: {says}.*remedy: "
+    ):
+        bus_calibrate._write(path, read, plan(), found, as_json=False)
+    assert [other.read_bytes() for other in tmp_path.iterdir()] == [meanwhile] * (meanwhile is not None)
+
+
+@pytest.mark.parametrize("wrong", [FileNotFoundError(2, "No such file or directory"), UnicodeError("bad byte")])
+def test_zeros_are_told_when_the_rig_goes_in_the_moment_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: Exception
+) -> None:
+    def gone(*_: object) -> None:
+        raise wrong
+
+    path = tmp_path / "rig.toml"
+    path.write_bytes(RIG.read_bytes())
+    monkeypatch.setattr(bus_calibrate, "from_template", gone)
+    found = [Zero(hinge(1), 0.0, 0.0, 0.25)]
+    with pytest.raises(NotCalibrated, match=r"not written, c1 0\.250000: .*; remedy: put them in by hand"):
+        bus_calibrate._write(path, replace(rig(), sha256=digest(path)), plan(), found, as_json=False)
