@@ -123,7 +123,7 @@ def plan_move(
             f"servo {pong.id}: drive_mode has the time-based profile; limit: velocity-based, so that the speed is "
             "known; remedy: set drive_mode to 0 with DYNAMIXEL Wizard"
         )
-    speed = require_speed(pong, speed_rad_s)
+    speed = require_speed(line, pong, speed_rad_s)
     low, high = _range(line, pong, model)
     here = read(line, pong.id, table.present_position)
     start = _rad(here)
@@ -137,23 +137,26 @@ def plan_move(
     return Move(pong, start, goal, speed)
 
 
-def require_speed(pong: Pong, speed_rad_s: float) -> float:
+def require_speed(line: ServoLine, pong: Pong, speed_rad_s: float) -> float:
     """The speed that a servo's profile has for one that is wished for: the next of its steps.
 
     Raises
     ------
     CommandRefused
-        It is slower than the first step, or faster than the model.
+        It is slower than the first step, or faster than the model or the servo's velocity_limit.
     """
     model = known_model(pong)
-    if not SLOWEST_RAD_S * (1.0 - 1e-9) <= speed_rad_s <= model.no_load_rad_s:
+    fastest, why = model.no_load_rad_s, f"what an {model.name} does without load"
+    allowed = read(line, pong.id, model.table.velocity_limit) * SLOWEST_RAD_S
+    if allowed < fastest:
+        fastest, why = allowed, "its velocity_limit"
+    if not SLOWEST_RAD_S * (1.0 - 1e-9) <= speed_rad_s <= fastest * (1.0 + 1e-9):
         raise CommandRefused(
             f"servo {pong.id}: --speed {math.degrees(speed_rad_s):g} deg/s; "
             f"limit: {math.degrees(SLOWEST_RAD_S):.4g} deg/s, one step of its profile, to "
-            f"{math.degrees(model.no_load_rad_s):.0f} deg/s, what an {model.name} does without load; "
-            "remedy: choose a speed between them"
+            f"{math.degrees(fastest):.4g} deg/s, {why}; remedy: choose a speed between them"
         )
-    return min(velocity_units(speed_rad_s) * SLOWEST_RAD_S, model.no_load_rad_s)
+    return min(velocity_units(speed_rad_s) * SLOWEST_RAD_S, fastest)
 
 
 def carry_out(

@@ -135,7 +135,7 @@ def require_walk(line: ServoLine, pong: Pong, limits: Limits) -> float:
     BusError
         It does not answer.
     """
-    fastest = require_speed(pong, limits.speed_rad_s)
+    fastest = require_speed(line, pong, limits.speed_rad_s)
     _force(line, pong, limits)
     require_no_error(line, pong)
     return fastest

@@ -53,7 +53,7 @@ def test_the_speed_of_a_move_is_the_one_that_its_servo_goes_at(wished: float, st
 @pytest.mark.parametrize("wished", [0.1, 0.0, -5.0, 1e6])
 def test_a_speed_that_a_servo_does_not_have_is_refused_with_both_limits(wished: float) -> None:
     with Bench(ServoSpec(id=1)) as bench:
-        with pytest.raises(CommandRefused, match=r"limit: 1\.374 deg/s, .* to 276 deg/s, .*remedy"):
+        with pytest.raises(CommandRefused, match=r"limit: 1\.374 deg/s, .* to 274.8 deg/s, .*remedy"):
             plan_move(bench.line, bench.pong(), math.radians(wished), by_rad=0.1)
         assert not bench.torque_on()
 
@@ -79,3 +79,11 @@ def test_a_goal_may_be_as_far_as_the_limit_and_no_count_farther() -> None:
             else:
                 with pytest.raises(CommandRefused, match=r"limit: -180\.0 deg to 39\.7 deg"):
                     plan_move(bench.line, bench.pong(), 1.0, to_rad=goal)
+
+
+def test_a_servo_goes_no_faster_than_it_is_set_to() -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        bench.servo().put(bench.servo().table.velocity_limit, 50)
+        assert plan_move(bench.line, bench.pong(), math.radians(50 * STEP_DEG_S)).speed_rad_s > 0.0
+        with pytest.raises(CommandRefused, match=r"--speed 200 deg/s; limit: .* to 68\.7 deg/s, its velocity_limit"):
+            plan_move(bench.line, bench.pong(), math.radians(200.0))
