@@ -16,6 +16,7 @@ from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import IN, OUT, example
+from ori_deploy.cli.given import refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
@@ -82,6 +83,7 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
         refuse_overwriting(how.log, plan_path, rig_path)
     plan = load_plan(plan_path)
     rig = rig_for(rig_path, plan)
+    refuse_shared(how.log, how.journal, rig, how.port, rig_path, plan_path)
     clock = MonotonicClock()
     bus = make_bus(rig, plan, clock, how.start, how.port, how.stands, how.mcu_port)
     session = Session(plan_path.absolute(), rig_path.absolute(), how.log and how.log.absolute())

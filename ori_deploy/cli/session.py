@@ -22,6 +22,7 @@ from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import nothing_moved, warn
+from ori_deploy.cli.given import refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
@@ -237,6 +238,7 @@ def carry_out(
     if "deploy" in commands:
         require_unfolded(plan, o.span_unfolded)  # before anything is armed
     rig = rig_for(rig_path, plan)
+    refuse_shared(o.log, o.journal, rig, o.port, rig_path, plan_path, *([] if o.design is None else [o.design]))
     real = o.realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
     bus = make_bus(

@@ -1,0 +1,100 @@
+"""The files of a session: none takes the place of another."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ori_deploy.cli import given
+from ori_deploy.cli.given import refuse_shared
+from ori_deploy.errors import FileError
+from tests.cli.inside import run
+from tests.deploy.synthetic import synthetic_plan, synthetic_rig
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+RIG = EXAMPLES / "rig_mock.toml"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("given")
+    assert run("design", EXAMPLES / "wing_naca2412.toml", "-o", "w.design.json", cwd=folder).returncode == 0
+    assert run("plan", "w.design.json", "--rig", RIG, "-o", "w.plan.json", cwd=folder).returncode == 0
+    return folder
+
+
+@pytest.mark.parametrize("command", ["deploy", "stow", "recover", "serve"])
+def test_a_log_that_is_the_journal_is_refused_before_anything_is_opened(
+    made: Path, tmp_path: Path, command: str
+) -> None:
+    words: tuple[str | Path, ...] = (command, made / "w.plan.json", "--rig", RIG, "--log", "jj", "--journal", "./jj")
+    if command == "recover":
+        words += ("--design", made / "w.design.json")
+    done = run(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: --log jj: would take the place of the journal")
+    assert "remedy: choose another name for the log" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_that_is_the_design_is_refused_and_the_design_stays(made: Path) -> None:
+    design = made / "w.design.json"
+    before = design.read_bytes()
+    done = run("recover", made / "w.plan.json", "--rig", RIG, "--design", design, "--log", design, cwd=made)
+    assert done.returncode == 2
+    assert "is a file that is read here" in done.stderr
+    assert design.read_bytes() == before
+
+
+def test_a_journal_that_is_the_plan_is_not_told_to_be_removed(made: Path) -> None:
+    done = run("deploy", "w.plan.json", "--rig", RIG, "--journal", "w.plan.json", cwd=made)
+    assert done.returncode == 2
+    assert "--journal w.plan.json: is a file that is read here" in done.stderr
+    assert "remove" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("log", "journal"),
+    [
+        ("jj", "jj"),
+        ("jj", "there/../jj"),
+        ("link", "jj"),  # leads to jj, which is not there yet
+        ("jj", "link"),
+        ("hard", "both"),
+        ("jj.mcap", "jj-1.mcap"),  # where an older log is kept
+        ("jj", "jj.4711.partial"),
+        (".jj.4711.partial", "jj"),
+    ],
+)
+def test_names_that_are_or_become_one_file_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: str, journal: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there").mkdir()
+    Path("link").symlink_to("jj")
+    Path("both").touch()
+    os.link("both", "hard")
+    rig = synthetic_rig(synthetic_plan(4))
+    with pytest.raises(FileError, match="would take the place of the journal") as caught:
+        refuse_shared(Path(log), Path(journal), rig, None, Path("rig.toml"))
+    assert caught.value.remedy is not None
+
+
+@pytest.mark.parametrize("journal", ["other", "there/jj", "jj.partial", "jj-1", "x.jj.1.partial"])
+def test_names_of_their_own_are_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, journal: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    rig = synthetic_rig(synthetic_plan(4))
+    for log in (Path("jj.mcap"), Path("loop"), None):
+        refuse_shared(log, Path(journal), rig, None, Path("rig.toml"))
+
+
+def test_the_default_journal_counts_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(given, "default_path", lambda *_: tmp_path / "state" / "rig.journal.json")
+    rig = synthetic_rig(synthetic_plan(4))
+    with pytest.raises(FileError, match="would take the place"):
+        refuse_shared(tmp_path / "state" / "rig.journal.json", None, rig, None, Path("rig.toml"))
+    refuse_shared(tmp_path / "run.mcap", None, rig, None, Path("rig.toml"))
