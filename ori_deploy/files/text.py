@@ -117,7 +117,8 @@ def write_atomically(path: Path, content: str | bytes) -> None:
     FileError
         It cannot be written; nothing is left behind.
     """
-    data = content.encode() if isinstance(content, str) else content
+    # Half a surrogate pair stands for a byte of a name that is not UTF-8: it is shown, and costs nobody the page.
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     temporary: str | None = None
     path = path.resolve()  # through a link, not in its place
     if not path.name or (path.exists() and not path.is_file()):
