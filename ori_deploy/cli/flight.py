@@ -24,6 +24,7 @@ from ori_deploy.deploy.journal import Journal
 from ori_deploy.deploy.observers import Observer
 from ori_deploy.errors import FileError
 from ori_deploy.files import digest
+from ori_deploy.files.text import HeldFile
 from ori_deploy.motion import Plan
 from ori_deploy.telemetry.frames import plan_info
 from ori_deploy.telemetry.log import kept_as
@@ -36,9 +37,11 @@ PLAN_NAME, RIG_NAME = "plan.json", "rig.toml"
 
 @contextmanager
 def flight_recorder(
-    path: Path | None, plan_path: Path, rig_path: Path, plan: Plan, rig: ResolvedRig, clock: Clock
+    path: Path | None, plan_file: HeldFile, rig_file: HeldFile, plan: Plan, rig: ResolvedRig, clock: Clock
 ) -> Iterator[Recorder | None]:
     """Record to `path` until the end of the block; None for no log. A log that is not whole is told of.
+
+    The log keeps the very bytes that plan and rig were made of: it could not be decided again with any others.
 
     Raises
     ------
@@ -50,7 +53,7 @@ def flight_recorder(
         return
     if not path.name or (path.exists() and not path.is_file()):
         raise FileError(f"{path}: the log has to be a file", limit="a regular file", remedy="choose another name")
-    files = {PLAN_NAME: plan_path.read_bytes(), RIG_NAME: rig_path.read_bytes()}
+    files = {PLAN_NAME: plan_file.data, RIG_NAME: rig_file.data}
     if path.exists():
         click.echo(f"note: {path} is there already; it is kept as {kept_as(path)}", err=True)
     try:
@@ -59,7 +62,7 @@ def flight_recorder(
             click.echo(f"note: made the folder {path.parent} for the log", err=True)
         recorder = Recorder(
             path,
-            plan_info(plan, rig, plan_sha256=digest(plan_path)),
+            plan_info(plan, rig, plan_sha256=digest(plan_file)),
             clock,
             versions=versions(clock),
             files=files,

@@ -16,7 +16,7 @@ from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import IN, OUT, example
-from ori_deploy.cli.given import refuse_shared
+from ori_deploy.cli.given import held, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
@@ -81,8 +81,9 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
     """
     if how.log is not None:
         refuse_overwriting(how.log, plan_path, rig_path)
-    plan = load_plan(plan_path)
-    rig = rig_for(rig_path, plan)
+    plan_file, rig_file = held(plan_path), held(rig_path)
+    plan = load_plan(plan_file)
+    rig = rig_for(rig_file, plan)
     refuse_shared(how.log, how.journal, rig, how.port, rig_path, plan_path)
     clock = MonotonicClock()
     bus = make_bus(rig, plan, clock, how.start, how.port, how.stands, how.mcu_port)
@@ -90,7 +91,7 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
     with (
         StopRequest() as stop,
         Live(rig, real=True) as live,
-        flight_recorder(how.log, plan_path, rig_path, plan, rig, clock) as recorder,
+        flight_recorder(how.log, plan_file, rig_file, plan, rig, clock) as recorder,
         journal(how.journal, rig_path, rig, how.port, clock) as left_word,
         controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,
     ):

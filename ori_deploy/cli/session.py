@@ -19,10 +19,9 @@ from ori_deploy import realtime
 from ori_deploy.actuators.bus import ActuatorBus, CommandRefused
 from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
-from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import nothing_moved, warn
-from ori_deploy.cli.given import refuse_shared
+from ori_deploy.cli.given import held, read_rig, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
@@ -57,7 +56,7 @@ def rig_for(path: Path, plan: Plan) -> ResolvedRig:
     RigError
         It does not fit, or its rate is not the plan's.
     """
-    rig = resolve_rig(load_rig(path), plan.cell_ids, plan.latch_points)
+    rig = resolve_rig(read_rig(path), plan.cell_ids, plan.latch_points)
     if rig.rate_hz != plan.rate_hz:
         raise RigError(
             "rate_hz: not the rate the plan was made for",
@@ -234,10 +233,11 @@ def carry_out(
     o = options
     if o.log is not None:
         refuse_overwriting(o.log, plan_path, rig_path)
-    plan = load_plan(plan_path)
+    plan_file, rig_file = held(plan_path), held(rig_path)
+    plan = load_plan(plan_file)
     if "deploy" in commands:
         require_unfolded(plan, o.span_unfolded)  # before anything is armed
-    rig = rig_for(rig_path, plan)
+    rig = rig_for(rig_file, plan)
     refuse_shared(o.log, o.journal, rig, o.port, rig_path, plan_path, *([] if o.design is None else [o.design]))
     real = o.realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
@@ -249,7 +249,7 @@ def carry_out(
     with (
         StopRequest() as stop,
         Live(rig, real=real) as live,
-        flight_recorder(o.log, plan_path, rig_path, plan, rig, clock) as recorder,
+        flight_recorder(o.log, plan_file, rig_file, plan, rig, clock) as recorder,
         journal(o.journal, rig_path, rig, o.port, clock) as left_word,
         recovering(o.design, plan) if "recover" in commands else nullcontext(_no_way) as recover,
         controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,

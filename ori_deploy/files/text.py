@@ -8,7 +8,7 @@ import os
 import tempfile
 import tomllib
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -20,8 +20,29 @@ from ori_deploy.spelling import keys_beside, meant
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def read_text(path: Path) -> str:
-    """The text of a file, UTF-8.
+class HeldFile(PosixPath):
+    """A file that was read before: it goes by its name, and gives what was read then.
+
+    A pipe can be read only once, and a file may be another by the time of a second look; what is in a log is no
+    file at all. Whoever reads files by `read_text` and `read_json` takes one of these as any other.
+    """
+
+    data: bytes
+
+    @classmethod
+    def of(cls, name: str | Path, data: bytes) -> HeldFile:
+        """What was read of a file, under the name that errors are to tell."""
+        made = cls(name)
+        made.data = data
+        return made
+
+    def read_bytes(self) -> bytes:
+        """What was read."""
+        return self.data
+
+
+def read_bytes(path: Path) -> bytes:
+    """What is in a file.
 
     Raises
     ------
@@ -31,11 +52,24 @@ def read_text(path: Path) -> str:
     if "\0" in str(path):
         raise FileError(f"{str(path)!r}: not a file name", limit="no NUL characters", remedy="mend the name")
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_bytes()
     except OSError as wrong:
         raise FileError(
             f"{path}: cannot be read", value=wrong.strerror, remedy="check the name and the permissions"
         ) from wrong
+
+
+def read_text(path: Path) -> str:
+    """The text of a file, UTF-8, each line ended by a line feed alone.
+
+    Raises
+    ------
+    FileError
+        It cannot be read.
+    """
+    data = read_bytes(path)
+    try:
+        return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as wrong:
         raise FileError(
             f"{path}: not a text file", value=f"byte {wrong.start}", limit="UTF-8", remedy="check the name"
@@ -44,17 +78,22 @@ def read_text(path: Path) -> str:
 
 def read_toml(path: Path, schema: str) -> dict[str, Any]:
     """The tables of a TOML file whose `schema` key is as given."""
+    data = read_tables(path)
+    check_schema(path, data, schema)
+    return data
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file, of whatever schema."""
     text = read_text(path)
     try:
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except RecursionError as wrong:
         raise FileError(f"{path}: nested too deeply", remedy="check that this is the right file") from wrong
     except tomllib.TOMLDecodeError as wrong:
         json_like = text.lstrip().startswith("{")
         remedy = "this looks like a design or a plan: give the file a person wrote" if json_like else "mend the line"
         raise FileError(f"{path}: not TOML", value=str(wrong), remedy=remedy) from wrong
-    check_schema(path, data, schema)
-    return data
 
 
 def read_json(path: Path, schema: str) -> dict[str, Any]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from ori_deploy.cli import given
+from ori_deploy.cli import given, session
 from ori_deploy.cli.given import refuse_shared
 from ori_deploy.errors import FileError
+from ori_deploy.files import digest
+from ori_deploy.telemetry.read import read_recording
 from tests.cli.inside import run
 from tests.deploy.synthetic import synthetic_plan, synthetic_rig
 
@@ -98,3 +101,35 @@ def test_the_default_journal_counts_as_well(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(FileError, match="would take the place"):
         refuse_shared(tmp_path / "state" / "rig.journal.json", None, rig, None, Path("rig.toml"))
     refuse_shared(tmp_path / "run.mcap", None, rig, None, Path("rig.toml"))
+
+
+def test_a_rig_that_can_be_read_only_once_is_in_the_log_as_it_was(made: Path, tmp_path: Path) -> None:
+    """As the shell's `--rig <(cat rig.toml)` has it."""
+    read, write = os.pipe()
+    os.write(write, RIG.read_bytes())
+    os.close(write)
+    try:
+        done = run("deploy", made / "w.plan.json", "--rig", f"/dev/fd/{read}", "--log", "run.mcap", cwd=tmp_path)
+    finally:
+        os.close(read)
+    assert done.returncode == 0, done.stderr
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.files["rig.toml"] == RIG.read_text()
+    assert recording.info["rig_sha256"] == digest(RIG)
+    assert run("replay", "run.mcap", cwd=tmp_path).returncode == 0
+
+
+def test_a_rig_that_is_edited_meanwhile_is_in_the_log_as_it_was_used(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_bytes(RIG.read_bytes())
+    before = session.make_bus
+
+    def edited(*words: Any) -> Any:
+        rig.write_text("something else")
+        return before(*words)
+
+    monkeypatch.setattr(session, "make_bus", edited)
+    assert run("deploy", made / "w.plan.json", "--rig", rig, "--log", "run.mcap", cwd=tmp_path).returncode == 0
+    assert read_recording(tmp_path / "run.mcap").files["rig.toml"] == RIG.read_text()
