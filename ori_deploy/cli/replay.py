@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,12 @@ import click
 
 import ori_deploy
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
-from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import PLAN_NAME, RIG_NAME
 from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, warn
+from ori_deploy.cli.given import read_rig
 from ori_deploy.errors import FileError
 from ori_deploy.files import load_plan
+from ori_deploy.files.text import HeldFile
 from ori_deploy.motion import Plan
 from ori_deploy.telemetry.read import Recording, read_recording
 from ori_deploy.telemetry.replay import Replay
@@ -53,21 +53,18 @@ def _inputs(
     log: Path, recording: Recording, plan_file: Path | None, rig_file: Path | None
 ) -> tuple[Plan, ResolvedRig]:
     """Plan and rig, from the log where no file is given."""
-    with tempfile.TemporaryDirectory(prefix="ori-deploy-replay-") as folder:
-        plan_path = plan_file or _unpacked(log, recording, PLAN_NAME, Path(folder))
-        rig_path = rig_file or _unpacked(log, recording, RIG_NAME, Path(folder))
-        plan = load_plan(plan_path)
-        return plan, resolve_rig(load_rig(rig_path), plan.cell_ids, plan.latch_points)
+    plan = load_plan(plan_file or _kept(log, recording, PLAN_NAME))
+    rig = read_rig(rig_file or _kept(log, recording, RIG_NAME))
+    return plan, resolve_rig(rig, plan.cell_ids, plan.latch_points)
 
 
-def _unpacked(log: Path, recording: Recording, name: str, folder: Path) -> Path:
+def _kept(log: Path, recording: Recording, name: str) -> HeldFile:
+    """A file that the log keeps; it is in no folder, and errors name it as what it is."""
     if name not in recording.files:
         raise FileError(
             f"{log}: holds no {name}", limit="a log with its plan and rig", remedy="give them with --plan and --rig"
         )
-    path = folder / f"{log.name}.{name}"
-    path.write_text(recording.files[name], newline="")
-    return path
+    return HeldFile.of(f"{log}: its {name}", recording.files[name].encode())
 
 
 def _check_buses(log: Path, recording: Recording, rig: ResolvedRig) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import hashlib
 import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -190,6 +193,32 @@ def test_a_file_in_a_log_that_is_not_what_its_digest_says_is_refused(log: Path, 
     done = run("replay", spoilt, cwd=tmp_path)
     assert done.returncode == 2
     assert "rig.toml is not what its digest says" in done.stderr
+
+
+def test_a_rig_in_a_log_that_is_none_is_named_as_what_it_is(log: Path, tmp_path: Path) -> None:
+    text = 'schema = "ori-deploy/rig/1"\nbackend = "moc"\n'
+
+    def change(topic: str, data: bytes) -> bytes:
+        row = json.loads(data) if topic == "/file" else {}
+        if row.get("name") != "rig.toml":
+            return data
+        return json.dumps({**row, "text": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}).encode()
+
+    done = run("replay", rewritten(log, tmp_path / "s.mcap", change), cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {tmp_path / 's.mcap'}: its rig.toml: ")
+
+
+def test_a_log_of_the_longest_name_replays_and_no_room_for_copies_is_needed(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(*_: Any, **__: Any) -> str:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", no_room)
+    path = tmp_path / f"{'l' * 250}.mcap"
+    os.link(log, path)
+    assert replayed(path, "--rig", rig_with(tmp_path, goal_tolerance_rad=1e-4), cwd=tmp_path)[0] == 1
 
 
 @contextlib.contextmanager
