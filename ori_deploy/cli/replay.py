@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,20 +33,53 @@ from ori_deploy.telemetry.replay import replay as decide_again
 def replay(log: Path, plan_file: Path | None, rig_file: Path | None, as_json: bool) -> None:
     """Run the measurements in LOG through the controller again, and see whether it decides the same.
 
-    Ends with status 0 when it does, 1 when it does not: at which cycle, and how.
+    Ends with status 0 when all that was recorded is decided the same; with 1 when something is not, telling at which
+    cycle and how, and when not all of it, or nothing, could be compared.
     """
     recording = read_recording(log)
     plan, rig = _inputs(log, recording, plan_file, rig_file)
     if recording.info["version"] != ori_deploy.__version__:
         warn(f"{log} was recorded by version {recording.info['version']}; this is {ori_deploy.__version__}")
     _check_buses(log, recording, rig)
-    done = decide_again(recording.tape, plan, rig)
-    end = done.gap or ("the log is cut off there" if recording.cut_off else "")
+    try:
+        done = decide_again(recording.tape, plan, rig)
+    except FileError as wrong:
+        wrong.source = wrong.source or str(log)
+        raise
+    end = _End(done.gap, recording.unread, "the log is cut off there" if recording.cut_off else "")
+    same = done.same and not end.left_out
     if as_json:
         click.echo(json.dumps(_document(done, end), allow_nan=False))
     else:
         click.echo("\n".join(_lines(done, end)))
-    sys.exit(0 if done.same else EXIT_NOT_DONE)
+    sys.exit(0 if same else EXIT_NOT_DONE)
+
+
+@dataclass(frozen=True)
+class _End:
+    """Why a tape does not go on, in words or "".
+
+    Attributes
+    ----------
+    gap
+        Records are missing that came before others.
+    unread
+        What of the log could not be read: some of the tape may be in it.
+    cut
+        The session went on, and was not recorded.
+    """
+
+    gap: str
+    unread: str
+    cut: str
+
+    @property
+    def left_out(self) -> str:
+        """What was recorded, as far as anybody knows, and could not be compared."""
+        return "; ".join(filter(None, (self.gap, self.unread and f"in the log, {self.unread}")))
+
+    def __str__(self) -> str:
+        return self.left_out or self.cut
 
 
 def _inputs(
@@ -79,28 +112,36 @@ def _check_buses(log: Path, recording: Recording, rig: ResolvedRig) -> None:
             )
 
 
-def _lines(done: Replay, end: str) -> list[str]:
+def _lines(done: Replay, end: _End) -> list[str]:
+    if done.nothing:
+        return [f"nothing was compared: {str(end) or 'the tape ends before a command was over'}"]
     same = f"{done.cycles:,} cycles, {done.decisions:,} decisions, {done.commands} commands the same"
-    if not done.same:
+    if done.differences:
         first = done.differences[0]
         when = "" if math.isnan(first.time_s) else f", {first.time_s:.3f} s after the first"
         return [
             f"{same}; then it decides otherwise, in cycle {first.cycle}{when}:",
             *(f"  {difference}" for difference in done.differences),
         ]
-    return [f"{same}{f'; {end}' if end else ''}"]
+    if done.gap:
+        return [f"{same}; what follows was not compared: {end}"]
+    if end.left_out:
+        return [f"{same}; not all may have been compared: {end}"]
+    return [f"{same}; {end}" if end.cut else same]
 
 
-def _document(done: Replay, end: str) -> dict[str, Any]:
+def _document(done: Replay, end: _End) -> dict[str, Any]:
+    """Whether it is the same is null where nothing differs and not all of it was there to compare."""
     differences = [
         {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in asdict(d).items()}
         for d in done.differences
     ]
+    unknown = not differences and (done.nothing or end.left_out)
     return {
-        "same": done.same,
+        "same": None if unknown else done.same,
         "cycles": done.cycles,
         "decisions": done.decisions,
         "commands": done.commands,
         "differences": differences,
-        "ends_early": end or None,
+        "ends_early": str(end) or None,
     }

@@ -159,22 +159,27 @@ class Deck:
     def _load(self, data: bytes) -> None:
         try:
             (number,) = PIECE.unpack_from(data)
-            if number != self._number:
+            if number > self._number:
                 missing = number - self._number
-                self.gap = (
-                    f"{missing} pieces of the tape are missing after cycle {self.cycle - 1}: records were dropped"
-                )
+                pieces = "1 piece of the tape is" if missing == 1 else f"{missing} pieces of the tape are"
+                self.gap = f"{pieces} missing {self._where()}, dropped by the recorder or damaged"
                 return
+            if number < self._number:  # no recorder writes one twice
+                raise self._damaged(f"piece {number} where piece {self._number} is due")
             self._piece, self._at = list(entries(data[PIECE.size :])), 0
         except BROKEN_TAPE as error:
-            self.damage = FileError(
-                f"the tape is damaged {self._where()}",
-                value=f"{type(error).__name__}: {error}",
-                limit="entries as ori-deploy writes them",
-                remedy="give an undamaged copy",
-            )
-            raise Over from error
+            raise self._damaged(f"{type(error).__name__}: {error}") from error
         self._number += 1
+
+    def _damaged(self, found: str) -> Over:
+        """Note that the tape is damaged; what to raise."""
+        self.damage = FileError(
+            f"the tape is damaged {self._where()}",
+            value=found,
+            limit="entries as ori-deploy writes them, every piece once and in order",
+            remedy="give an undamaged copy",
+        )
+        return Over()
 
     def _where(self) -> str:
         return f"after cycle {self.cycle - 1}" if self.cycle else "before the first cycle"

@@ -42,9 +42,14 @@ class Replay:
     gap: str
 
     @property
+    def nothing(self) -> bool:
+        """Whether the tape gave nothing to compare: it cannot speak for the controller then."""
+        return not (self.cycles or self.commands or self.differences)
+
+    @property
     def same(self) -> bool:
-        """Whether everything on the tape was decided the same."""
-        return not self.differences
+        """Whether everything that was recorded was decided the same: what is missing may have been otherwise."""
+        return not (self.differences or self.gap or self.nothing)
 
 
 def replay(pieces: Iterable[bytes], plan: Plan, rig: ResolvedRig) -> Replay:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -219,6 +220,45 @@ def test_a_log_of_the_longest_name_replays_and_no_room_for_copies_is_needed(
     path = tmp_path / f"{'l' * 250}.mcap"
     os.link(log, path)
     assert replayed(path, "--rig", rig_with(tmp_path, goal_tolerance_rad=1e-4), cwd=tmp_path)[0] == 1
+
+
+def with_tape(log: Path, path: Path, change: Callable[[int, bytes], bytes | None]) -> Path:
+    """The log with every piece of its tape, by number, as `change` makes it."""
+    numbers = itertools.count()
+    return rewritten(log, path, lambda topic, data: change(next(numbers), data) if topic == TAPE else data)
+
+
+@pytest.mark.parametrize(
+    ("missing", "words"),
+    [
+        (0, "nothing was compared: 1 piece of the tape is missing before the first cycle"),
+        (300, "the same; what follows was not compared: 1 piece of the tape is missing after cycle 29"),
+    ],
+)
+def test_a_log_with_a_gap_is_not_called_the_same(log: Path, tmp_path: Path, missing: int, words: str) -> None:
+    spoilt = with_tape(log, tmp_path / "s.mcap", lambda k, data: None if k == missing else data)
+    status, told = replayed(spoilt, cwd=tmp_path)
+    assert (status, told["same"], told["differences"]) == (1, None, [])
+    assert "is missing" in told["ends_early"]
+    done = run("replay", spoilt, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert words in done.stdout
+
+
+def test_what_could_not_be_read_of_a_log_is_not_called_the_same(log: Path, tmp_path: Path) -> None:
+    longer = tmp_path / "s.mcap"
+    longer.write_bytes(log.read_bytes() * 2)
+    status, told = replayed(longer, cwd=tmp_path)
+    assert (status, told["same"]) == (1, None)
+    assert "not all may have been compared: in the log, " in run("replay", longer, cwd=tmp_path).stdout
+
+
+def test_a_damaged_tape_is_told_with_the_name_of_the_log(log: Path, tmp_path: Path) -> None:
+    spoilt = with_tape(log, tmp_path / "s.mcap", lambda k, data: PIECE.pack(3) + data[8:] if k == 5 else data)
+    done = run("replay", spoilt, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {spoilt}: the tape is damaged")
+    assert "found piece 3 where piece 5 is due" in done.stderr
 
 
 @contextlib.contextmanager

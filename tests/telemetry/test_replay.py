@@ -289,6 +289,45 @@ def test_dropped_records_are_told_and_what_came_before_is_decided_the_same() -> 
     assert done.differences == ()
     assert "3 pieces of the tape are missing" in done.gap
     assert 40 < done.cycles < 50
+    assert not done.same  # what is missing, and what follows, may have been otherwise
+
+
+@pytest.mark.parametrize("first", [1, 2])
+def test_a_tape_without_its_beginning_is_not_called_the_same(first: int) -> None:
+    f, pieces = flown(PLAN, begun)
+    done = replay(pieces[first:], f.plan, f.rig)
+    assert (done.cycles, done.commands, done.differences) == (0, 0, ())
+    assert done.nothing
+    assert not done.same
+    missing = "1 piece of the tape is" if first == 1 else "2 pieces of the tape are"
+    assert done.gap.startswith(f"{missing} missing before the first cycle")
+
+
+def test_a_tape_of_nothing_is_not_called_the_same() -> None:
+    done = replay([], PLAN, synthetic_rig(PLAN))
+    assert done.nothing
+    assert not done.same
+
+
+@pytest.mark.parametrize(
+    "pick", [lambda p: [*p[:30], p[29], *p[30:]], lambda p: [*p[:30], p[3]], lambda p: [*p, p[0]]]
+)
+def test_a_piece_that_comes_twice_or_too_late_is_damage(pick: Callable[[list[bytes]], list[bytes]]) -> None:
+    f, pieces = flown(PLAN, begun)
+    with pytest.raises(FileError, match=r"damaged after cycle \d+; found piece \d+ where piece \d+ is due"):
+        replay(pick(pieces), f.plan, f.rig)
+
+
+def test_a_refused_start_is_something_to_compare() -> None:
+    def script(f: Flight) -> None:
+        f.controller.connect()
+        with pytest.raises(OriDeployError):
+            f.controller.resume()
+
+    f, pieces = flown(PLAN, script)
+    done = replay(pieces, f.plan, f.rig)
+    assert (done.cycles, done.same) == (0, True)
+    assert done.commands == 2
 
 
 def tampered(pieces: list[bytes], old: np.ndarray[Any, Any], new: np.ndarray[Any, Any]) -> tuple[list[bytes], int]:
