@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ori_deploy.cli.output import EXIT_UNHEARD, EXIT_UNTOLD, Status, told
 from ori_deploy.errors import InputError, OriDeployError
 from ori_deploy.spelling import near
 
@@ -24,7 +25,9 @@ EXIT_STATUSES = {
     EXIT_NOT_DONE: "carried out, and not with the end that was meant: a fault, a problem, a difference",
     EXIT_BAD_INPUT: "words or files that cannot be used; nothing was begun",
     EXIT_REFUSED: "refused, and nothing moved: by the device, the port, the structure, the controller",
+    EXIT_UNTOLD: "standard output cannot be written: what came of it is not known from here",
     EXIT_INTERRUPTED: "interrupted by a signal or `ori-deploy stop`, and brought to rest",
+    EXIT_UNHEARD: "nobody reads standard output any more: the pipe was closed",
 }
 """What every command ends with, in words; `ori-deploy --help` prints them."""
 
@@ -59,21 +62,23 @@ class Commands(click.Group):
         standalone_mode: bool = True,
         **extra: Any,
     ) -> Any:
+        if not standalone_mode:
+            return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+        sys.exit(told(lambda: self._ended(args, prog_name, complete_var, extra)))
+
+    def _ended(
+        self, args: Sequence[str] | None, prog_name: str | None, complete_var: str | None, extra: dict[str, Any]
+    ) -> Status:
+        """Run a command; the status that it ends with."""
         try:
             status = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
         except click.exceptions.Abort:
-            if not standalone_mode:
-                raise
             click.echo("interrupted", err=True)
-            sys.exit(EXIT_INTERRUPTED)
+            return EXIT_INTERRUPTED
         except click.ClickException as wrong:
-            if not standalone_mode:
-                raise
             _show(wrong)
-            sys.exit(wrong.exit_code)
-        if not standalone_mode:
-            return status
-        sys.exit(status if isinstance(status, int) else 0)
+            return wrong.exit_code
+        return status if isinstance(status, int) else 0
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
