@@ -27,7 +27,7 @@ from ori_deploy.files import digest
 from ori_deploy.files.text import HeldFile
 from ori_deploy.motion import Plan
 from ori_deploy.telemetry.frames import plan_info
-from ori_deploy.telemetry.log import kept_as
+from ori_deploy.telemetry.log import behind, kept_as
 from ori_deploy.telemetry.recorder import Recorder
 from ori_deploy.telemetry.taped import taped
 
@@ -57,9 +57,10 @@ def flight_recorder(
     if path.exists():
         click.echo(f"note: {path} is there already; it is kept as {kept_as(path)}", err=True)
     try:
-        if not path.parent.is_dir():
-            path.parent.mkdir(parents=True)
-            click.echo(f"note: made the folder {path.parent} for the log", err=True)
+        folder = behind(path).parent
+        if not folder.is_dir():
+            folder.mkdir(parents=True)
+            click.echo(f"note: made the folder {folder} for the log", err=True)
         recorder = Recorder(
             path,
             plan_info(plan, rig, plan_sha256=digest(plan_file)),

@@ -34,9 +34,18 @@ _NON_FINITE = re.compile(r"(?<=[:,\[])-?(?:nan|inf)(?=[,\]}])")
 
 
 def open_partial(path: Path) -> tuple[Path, BinaryIO]:
-    """The file that a log is written to until it is whole, beside `path`. Raises OSError."""
+    """The file that a log is written to until it is whole, beside where `path` leads. Raises OSError."""
+    path = behind(path)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     return partial, partial.open("wb")
+
+
+def behind(path: Path) -> Path:
+    """Where a link leads, whether or not anything is there yet: a log goes through a link, not in its place.
+
+    Other names stay as they were given, which is how people are told of them.
+    """
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 class ClosedAtEnd(ABC):
@@ -89,6 +98,7 @@ class LogWriter(ClosedAtEnd):
         partial: tuple[Path, BinaryIO] | None = None,
     ) -> None:
         self.path = Path(path)
+        self._whole_path = behind(self.path)
         self.partial_path, self._stream = open_partial(self.path) if partial is None else partial
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library="ori-deploy")
@@ -135,8 +145,8 @@ class LogWriter(ClosedAtEnd):
         self._closed = True
         try:
             self._finish(ending)
-            keep_older(self.path)
-            self.partial_path.replace(self.path)
+            keep_older(self._whole_path)
+            self.partial_path.replace(self._whole_path)
         except OSError as error:
             reason = f"{error.strerror or error}; what was written is in {self.partial_path}"
             raise OSError(error.errno, reason, str(self.path)) from error
@@ -266,6 +276,7 @@ def keep_older(path: Path) -> None:
 
 def kept_as(path: Path) -> Path:
     """The name under which a log that is there is kept when another of its name is finished."""
+    path = behind(path)
     return next(name for n in count(1) if not (name := path.with_stem(f"{path.stem}-{n}")).exists())
 
 

@@ -115,6 +115,23 @@ def test_name_appears_only_when_the_log_is_whole(path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
 
 
+@pytest.mark.parametrize("there", [False, True])
+def test_a_link_stays_a_link_and_the_log_is_where_it_leads(tmp_path: Path, there: bool) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    link = tmp_path / "run.mcap"
+    link.symlink_to(disk / "newest.mcap")
+    if there:
+        (disk / "newest.mcap").write_text("an older log")
+    _, result = logged(link)
+    assert result.succeeded
+    assert link.is_symlink()
+    assert len(read_run(disk / "newest.mcap").time_s) > 0
+    kept = ["newest-1.mcap"] if there else []
+    assert sorted(path.name for path in disk.iterdir()) == [*kept, "newest.mcap"]
+    assert [path.name for path in tmp_path.iterdir() if path != disk] == ["run.mcap"]
+
+
 @pytest.mark.parametrize("cut_bytes", [0, 1, 500, 5000])
 def test_a_log_cut_off_by_a_crash_can_be_read_up_to_about_the_last_second(path: Path, cut_bytes: int) -> None:
     b = bench(synthetic_plan(4, duration_s=6.0))
