@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import sys
@@ -97,7 +98,17 @@ def _kept(log: Path, recording: Recording, name: str) -> HeldFile:
         raise FileError(
             f"{log}: holds no {name}", limit="a log with its plan and rig", remedy="give them with --plan and --rig"
         )
-    return HeldFile.of(f"{log}: its {name}", recording.files[name].encode())
+    data = recording.files[name].encode()
+    kind = name.partition(".")[0]
+    ran_with, found = str(recording.info[f"{kind}_sha256"]), hashlib.sha256(data).hexdigest()
+    if ran_with not in ("", found):  # once, files were read again for the log, and pipes were empty by then
+        raise FileError(
+            f"{log}: its {name} is not the {kind} that moved the structure",
+            value=found[:12],
+            limit=f"{ran_with[:12]}, the one in use",
+            remedy=f"give that one with --{kind}",
+        )
+    return HeldFile.of(f"{log}: its {name}", data)
 
 
 def _check_buses(log: Path, recording: Recording, rig: ResolvedRig) -> None:

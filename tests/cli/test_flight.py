@@ -196,18 +196,36 @@ def test_a_file_in_a_log_that_is_not_what_its_digest_says_is_refused(log: Path, 
     assert "rig.toml is not what its digest says" in done.stderr
 
 
-def test_a_rig_in_a_log_that_is_none_is_named_as_what_it_is(log: Path, tmp_path: Path) -> None:
-    text = 'schema = "ori-deploy/rig/1"\nbackend = "moc"\n'
+def with_rig(log: Path, path: Path, text: str, *, ran_with: bool) -> Path:
+    """The log with another rig in it, which the structure was moved with or not."""
+    digest = hashlib.sha256(text.encode()).hexdigest()
 
     def change(topic: str, data: bytes) -> bytes:
-        row = json.loads(data) if topic == "/file" else {}
-        if row.get("name") != "rig.toml":
-            return data
-        return json.dumps({**row, "text": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}).encode()
+        row = json.loads(data) if topic in ("/file", "/plan_info") else {}
+        if topic == "/plan_info" and ran_with:
+            return json.dumps({**row, "rig_sha256": digest}).encode()
+        if row.get("name") == "rig.toml":
+            return json.dumps({**row, "text": text, "sha256": digest}).encode()
+        return data
 
-    done = run("replay", rewritten(log, tmp_path / "s.mcap", change), cwd=tmp_path)
+    return rewritten(log, path, change)
+
+
+def test_a_rig_in_a_log_that_is_none_is_named_as_what_it_is(log: Path, tmp_path: Path) -> None:
+    spoilt = with_rig(log, tmp_path / "s.mcap", 'schema = "ori-deploy/rig/1"\nbackend = "moc"\n', ran_with=True)
+    done = run("replay", spoilt, cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"error: {tmp_path / 's.mcap'}: its rig.toml: ")
+    assert done.stderr.startswith(f"error: {spoilt}: its rig.toml: ")
+
+
+def test_a_rig_in_a_log_that_it_did_not_run_with_is_told_and_can_be_given(log: Path, tmp_path: Path) -> None:
+    spoilt = with_rig(log, tmp_path / "s.mcap", "", ran_with=False)
+    done = run("replay", spoilt, cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"{spoilt}: its rig.toml is not the rig that moved the structure; found e3b0c44298fc" in done.stderr
+    assert "remedy: give that one with --rig" in done.stderr
+    status, told = replayed(spoilt, "--rig", RIG, cwd=tmp_path)
+    assert (status, told["same"]) == (0, True)
 
 
 def test_a_log_of_the_longest_name_replays_and_no_room_for_copies_is_needed(
