@@ -19,6 +19,8 @@ from tests.bench.servos import Bench
 
 XM = model_named("xm430")
 TURN = 2.0 * math.pi
+PING, READ = 1, 2
+
 STOP_RAD = 3.6
 """Where the shaft of these hinges is stopped: its first turn ends at 3.14."""
 
@@ -220,4 +222,4 @@ def test_a_walk_that_is_faster_than_its_servo_is_refused_before_anything_is_set(
                     bench.line, bench.pong(), hinge(), replace(LIMITS, speed_rad_s=speed), bench.clock, lambda: False
                 )
             assert refused.value.refused
-        assert {instruction.code for instruction in bench.told} == {1}
+        assert {instruction.code for instruction in bench.told} <= {PING, READ}
