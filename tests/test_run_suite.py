@@ -26,7 +26,8 @@ def run(folder: Path, *tests: str) -> subprocess.CompletedProcess[str]:
     for number, test in enumerate(tests):
         (folder / f"test_{number}.py").write_text(test)
     command = [sys.executable, str(RUN_SUITE), "2", "not slow"]
-    outside = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}  # it may be in one
+    # This test may run in a suite itself.
+    outside = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     return subprocess.run(command, cwd=folder, env=outside, capture_output=True, text=True, check=False)
 
 
