@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,6 +40,11 @@ def read_rig(path: Path) -> Rig:
     return replace(parse_rig(read_tables(file), str(file)), sha256=hashlib.sha256(file.data).hexdigest())
 
 
+def named(paths: Iterable[Path | None]) -> tuple[Path, ...]:
+    """Those that were given."""
+    return tuple(path for path in paths if path is not None)
+
+
 def refuse_shared(
     log: Path | None, journal: Path | None, rig: ResolvedRig, port: str | None, rig_path: Path, *others: Path
 ) -> None:
@@ -62,6 +68,8 @@ def refuse_shared(
         Names both; nothing is opened yet.
     """
     where = journal or default_path(rig_path, rig, port)
+    if log is not None and not log.name:
+        raise FileError(f"--log {log}: has no name", limit="a file", remedy="give the name of a file")
     for option, path in (("--log", log), ("--journal", where)):
         for read in (rig_path, *others):
             if path is not None and _one_file(path, read):

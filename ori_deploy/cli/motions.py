@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, OUT, example, warn
+from ori_deploy.cli.given import named
 from ori_deploy.cli.session import Command, Options, StoppedBy, carry_out
 from ori_deploy.cli.spanwise import span_option, tell_span
 from ori_deploy.cli.viewing import view_options, viewed, viewing
@@ -90,7 +91,9 @@ def _motion_command(name: Command, text: str, ends: str) -> click.Command:
         how = viewing(given)
         given["realtime"] |= how.wanted  # a virtual clock is done before anybody has looked
         with viewed(plan_file, how, stays=True):
-            made, results, stopped = carry_out(plan_file, rig, (name,), Options(**given))
+            made, results, stopped = carry_out(
+                plan_file, rig, (name,), Options(**given, also_read=named((how.design,)))
+            )
             _tell_end(results, stopped, ends)
             tell_span(made, name)
 

@@ -16,11 +16,10 @@ from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import IN, OUT, example
-from ori_deploy.cli.given import held, refuse_shared
+from ori_deploy.cli.given import held, named, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
-from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.cli.viewing import view_options, viewed, viewing
 from ori_deploy.clock import Clock, MonotonicClock
 from ori_deploy.deploy.controller import Controller
@@ -44,7 +43,7 @@ class Serving:
 
     Attributes
     ----------
-    log, port, mcu_port, journal, trust_measured, stands, span_unfolded
+    log, port, mcu_port, journal, trust_measured, stands, span_unfolded, also_read
         As for one command.
     start
         Where simulated servos of the mock are found.
@@ -58,6 +57,7 @@ class Serving:
     stands: Place | None = None
     span_unfolded: bool = False
     start: Place = "stowed"
+    also_read: tuple[Path, ...] = ()
 
 
 def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how: Serving) -> None:
@@ -79,12 +79,11 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
     BusError, LinksFailed
         The bus, or the network, cannot be opened.
     """
-    if how.log is not None:
-        refuse_overwriting(how.log, plan_path, rig_path)
     plan_file, rig_file = held(plan_path), held(rig_path)
     plan = load_plan(plan_file)
     rig = rig_for(rig_file, plan)
-    refuse_shared(how.log, how.journal, rig, how.port, rig_path, plan_path)
+    keys = () if settings is None else (settings.key_file, settings.parameters_file)
+    refuse_shared(how.log, how.journal, rig, how.port, rig_path, plan_path, *named((*how.also_read, *keys)))
     clock = MonotonicClock()
     bus = make_bus(rig, plan, clock, how.start, how.port, how.stands, how.mcu_port)
     session = Session(plan_path.absolute(), rig_path.absolute(), how.log and how.log.absolute())
@@ -317,4 +316,4 @@ def serve(
         if links:
             settings = with_links(settings, links, beyond_loopback)
     with viewed(plan_file, how):
-        serve_orders(plan_file, rig, settings, Serving(**given))
+        serve_orders(plan_file, rig, settings, Serving(**given, also_read=named((mavlink, how.design))))

@@ -21,12 +21,11 @@ from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import nothing_moved, warn
-from ori_deploy.cli.given import held, read_rig, refuse_shared
+from ori_deploy.cli.given import held, named, read_rig, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
 from ori_deploy.cli.recover import recovering
-from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
@@ -190,6 +189,8 @@ class Options:
         Part of the plan's speed to go no faster than.
     design
         Design file, to look for a way back into step with.
+    also_read
+        Files that are read beside plan, rig and design: nothing is written in their place.
     """
 
     log: Path | None = None
@@ -202,6 +203,7 @@ class Options:
     trust_measured: bool = False
     speed: float = 1.0
     design: Path | None = None
+    also_read: tuple[Path, ...] = ()
 
 
 def carry_out(
@@ -231,14 +233,12 @@ def carry_out(
         The bus cannot be opened.
     """
     o = options
-    if o.log is not None:
-        refuse_overwriting(o.log, plan_path, rig_path)
     plan_file, rig_file = held(plan_path), held(rig_path)
     plan = load_plan(plan_file)
     if "deploy" in commands:
         require_unfolded(plan, o.span_unfolded)  # before anything is armed
     rig = rig_for(rig_file, plan)
-    refuse_shared(o.log, o.journal, rig, o.port, rig_path, plan_path, *([] if o.design is None else [o.design]))
+    refuse_shared(o.log, o.journal, rig, o.port, rig_path, plan_path, *named((o.design, *o.also_read)))
     real = o.realtime or rig.backend != "mock"
     clock: Clock = MonotonicClock() if real else VirtualClock(time.monotonic())
     bus = make_bus(

@@ -21,6 +21,18 @@ def keep_to_one_thread() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+def keep_standard_descriptors() -> None:
+    """Open on nothing what is closed of standard input, output and error.
+
+    The next file would take its number: a log, or a port, into which whatever is started would read and write.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # it takes the lowest that is free: this one
+
+
 @contextmanager
 def quiet_interrupts() -> Iterator[None]:
     """Until the end of the block an interrupt ends the process in one line: no traceback of somebody's import.

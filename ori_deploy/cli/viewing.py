@@ -138,6 +138,13 @@ def viewed(plan_path: Path, how: Viewing, *, stays: bool = False) -> Iterator[No
 def _page(plan_path: Path, how: Viewing) -> tuple[subprocess.Popen[bytes], socket.socket]:
     """Start it, and say where it is."""
     require_viser()
+    if plan_path.exists() and not plan_path.is_file():
+        raise InputError(
+            "--view: PLAN cannot be read a second time, for the page",
+            value=str(plan_path),
+            limit="a regular file",
+            remedy="write it into one",
+        )
     load_plan(plan_path)  # what is wrong with it is told by the command itself, in its own words
     words = {
         "pid": os.getpid(),

@@ -14,7 +14,7 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message
+from mcap.records import Channel, Chunk, Message, Statistics
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
@@ -162,9 +162,14 @@ def collect(data: bytes, *, with_tape: bool) -> Found:
         return found
     topics = _topics(data)
     passed_over, end = 0, len(MCAP0_MAGIC)
+    seen, counted = 0, 0
     for opcode, begin, end in _records(data):
         try:
             for record in _opened(opcode, data[begin:end]):
+                if isinstance(record, Statistics):
+                    counted = record.message_count
+                    continue
+                seen += isinstance(record, Message)
                 passed_over += not _take(found, topics, record, with_tape=with_tape)
         except BROKEN as error:
             found.cause = found.cause or error
@@ -172,7 +177,8 @@ def collect(data: bytes, *, with_tape: bool) -> Found:
         if opcode == Opcode.FOOTER:
             found.finished = True
             break
-    found.unread = _unread(data, found.finished, passed_over, end)
+    told = _damage(passed_over, counted - seen, counted)
+    found.unread = ", and ".join(told + _end(data, found.finished, end, damaged=bool(told)))
     return found
 
 
@@ -201,12 +207,15 @@ def _topics(data: bytes) -> dict[int, str]:
 
 
 def _opened(opcode: int, content: bytes) -> list[Any]:
-    """Channels and messages of a record."""
+    """Channels and messages of a record, or what the file says of itself."""
+    Opcode(opcode)  # nobody wrote a record of any other kind
     stream = ReadDataStream(BytesIO(content))
     if opcode == Opcode.CHANNEL:
         return [Channel.read(stream)]
     if opcode == Opcode.MESSAGE:
         return [Message.read(stream, len(content))]
+    if opcode == Opcode.STATISTICS:
+        return [Statistics.read(stream)]
     if opcode != Opcode.CHUNK:
         return []
     chunk = Chunk.read(stream)
@@ -244,14 +253,19 @@ def _decode(data: bytes) -> dict[str, Any]:
     return message
 
 
-def _unread(data: bytes, finished: bool, passed_over: int, end: int) -> str:
-    """What was not read of a file whose records were, up to a byte; the cut end of a crash is no damage."""
+def _damage(passed_over: int, missing: int, of: int) -> list[str]:
+    """What is not right with the records that were read; the file counts its messages at its end."""
     told = [f"{passed_over} of its parts {'is' if passed_over == 1 else 'are'} damaged"] if passed_over else []
+    if missing > 0:
+        told.append(f"{missing} of its {of} messages {'is' if missing == 1 else 'are'} missing")
+    return told
+
+
+def _end(data: bytes, finished: bool, end: int, *, damaged: bool) -> list[str]:
+    """What is not right with the end of a file whose records end at a byte; a crash's cut is no damage."""
     rest = len(data) - end - (len(MCAP0_MAGIC) if finished else 0)
-    if finished and rest > 0:
-        told.append(f"{rest} bytes follow its end")
-    elif not finished and data.endswith(MCAP0_MAGIC) and rest > 0:
-        told.append(f"its last {rest} bytes make no sense")
-    elif not finished and told:
-        told.append("its end is missing")
-    return ", and ".join(told)
+    if finished:
+        return [f"{rest} bytes follow its end"] if rest > 0 else []
+    if data.endswith(MCAP0_MAGIC) and rest > 0:
+        return [f"its last {rest} bytes make no sense"]
+    return ["its end is missing"] if damaged else []

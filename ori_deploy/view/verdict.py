@@ -76,11 +76,19 @@ def _judged(plan: Plan | None, run: Run | None) -> Verdict:
     elif not run.complete:
         why = "" if run.ending in ("", CLOSED) else f" ({run.ending})"
         reasons.append(f"The log was cut off in state {final}{where}{why}: what came after is not known.")
+    if not run.results and _is_idle(run):
+        return Verdict("neutral", f"Nothing was carried out: the log ends in state {final}{where}", tuple(reasons))
     if not run.results:
         return Verdict("bad", f"No result recorded: the log ends in state {final}{where}", tuple(reasons))
     tone, since = _since(run) if _is_done(run.results[-1]) else ("bad", "")
     headline = ", then ".join(_sentence(r, first=k == 0) for k, r in enumerate(run.results)) + since
     return Verdict(tone if run.complete else "bad", headline, tuple(reasons))
+
+
+def _is_idle(run: Run) -> bool:
+    """Whether a session ended in good order in which nothing was asked for, or nothing that moves."""
+    moved = IN_MOTION & {*map(State, run.state), *(t.target for t in run.transitions)}
+    return run.complete and not run.faults and not moved and State(run.state[-1]) in _LET_GO
 
 
 def _since(run: Run) -> tuple[Tone, str]:

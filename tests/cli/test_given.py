@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +54,48 @@ def test_a_log_that_is_the_design_is_refused_and_the_design_stays(made: Path) ->
     assert done.returncode == 2
     assert "is a file that is read here" in done.stderr
     assert design.read_bytes() == before
+
+
+@pytest.mark.parametrize("command", ["deploy", "stow", "serve"])
+@pytest.mark.parametrize("written", ["--log", "--journal"])
+def test_what_the_page_or_the_network_reads_is_displaced_by_nothing(
+    made: Path, tmp_path: Path, command: str, written: str
+) -> None:
+    read = tmp_path / "read.toml"
+    shutil.copy(EXAMPLES / "mavlink.toml" if command == "serve" else made / "w.design.json", read)
+    before = read.read_bytes()
+    option = "--mavlink" if command == "serve" else "--design"
+    done = run(command, made / "w.plan.json", "--rig", RIG, option, read, written, read, cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"{written} {read}: is a file that is read here" in done.stderr
+    assert read.read_bytes() == before
+
+
+def test_a_page_needs_a_plan_that_can_be_read_twice(tmp_path: Path) -> None:
+    pipe = tmp_path / "plan"
+    os.mkfifo(pipe)
+    done = run("deploy", pipe, "--rig", RIG, "--view", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "limit: a regular file" in done.stderr
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_a_log_is_whole_whatever_of_the_three_streams_is_closed(made: Path, tmp_path: Path, closed: str) -> None:
+    """Reproduced: the log took the number of standard input, which its writer has elsewhere, and was empty."""
+    words = [
+        sys.executable,
+        "-m",
+        "ori_deploy.cli",
+        "deploy",
+        "w.plan.json",
+        "--rig",
+        RIG,
+        "--log",
+        tmp_path / "x.mcap",
+    ]
+    line = f"{shlex.join(map(str, words))} {closed}"
+    subprocess.run(["sh", "-c", line], cwd=made, check=True, capture_output=True)
+    assert len(read_recording(tmp_path / "x.mcap").tape) > 1
 
 
 def test_a_journal_that_is_the_plan_is_not_told_to_be_removed(made: Path) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 from mcap.writer import Writer
 
 from ori_deploy.errors import FileError
@@ -157,18 +159,42 @@ def test_missing_log_is_refused_by_name(tmp_path: Path) -> None:
         read_run(tmp_path / "none.mcap")
 
 
+def middle_chunk(data: bytes) -> ChunkIndex:
+    """Where the middle one is."""
+    chunks = make_reader(io.BytesIO(data)).get_summary().chunk_indexes  # type: ignore[union-attr]
+    return chunks[len(chunks) // 2]
+
+
+@pytest.mark.parametrize("opcode", [0x86, 0x07, None])
+def test_a_part_that_is_no_part_any_more_or_is_gone_is_missed(path: Path, opcode: int | None) -> None:
+    """Reproduced: called whole and good, and goals were compared across the hole."""
+    logged(path)
+    whole = read_run(path)
+    data = bytearray(path.read_bytes())
+    middle = middle_chunk(data)
+    begin = middle.chunk_start_offset
+    if opcode is None:
+        del data[begin : begin + middle.chunk_length]
+    else:
+        data[begin] = opcode
+    path.write_bytes(data)
+    run = read_run(path)
+    assert not run.complete
+    assert re.search(r"\d+ of its \d+ messages are missing", run.unread)
+    assert np.nanmax(np.abs(run.tracking_error_rad)) <= np.nanmax(np.abs(whole.tracking_error_rad))
+
+
 def test_one_bad_byte_costs_no_more_than_its_part(path: Path) -> None:
     """Reproduced: all that came behind it was thrown away, and the file was said to be cut off."""
     logged(path)
     whole = read_run(path)
     data = bytearray(path.read_bytes())
-    chunks = make_reader(io.BytesIO(data)).get_summary().chunk_indexes  # type: ignore[union-attr]
-    middle = chunks[len(chunks) // 2]
+    middle = middle_chunk(data)
     data[middle.chunk_start_offset + middle.chunk_length // 2] ^= 0x10
     path.write_bytes(data)
     run = read_run(path)
     assert not run.complete
-    assert run.unread == "1 of its parts is damaged"
+    assert re.fullmatch(r"1 of its parts is damaged, and \d+ of its \d+ messages are missing", run.unread)
     assert run.results == whole.results
     assert 0 < len(run.time_s) < len(whole.time_s)
     assert len(run.after_gap) == 1

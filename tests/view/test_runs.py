@@ -195,6 +195,18 @@ def test_a_fault_after_deployment_and_a_log_cut_off_are_bad_news(good_run: Run) 
     assert f"at fold {where}" in cut.headline
 
 
+def test_a_session_in_which_nothing_was_ordered_is_no_bad_news(good_run: Run) -> None:
+    idle = replace(good_run, results=(), transitions=(), state=("ready",) * len(good_run.state))
+    assert verdict(None, idle).tone == "neutral"
+    assert verdict(None, idle).headline.startswith("Nothing was carried out: the log ends in state ready")
+    for bad in (
+        replace(idle, state=(*idle.state[:-1], "moving")),
+        replace(idle, transitions=good_run.transitions),
+        replace(idle, complete=False),
+    ):
+        assert verdict(None, bad).tone == "bad"
+
+
 def test_a_damaged_log_is_no_good_news_and_not_called_cut_off(good_run: Run) -> None:
     found = verdict(None, replace(good_run, complete=False, unread="2 of its parts are damaged"))
     assert found.tone == "bad"
