@@ -246,7 +246,7 @@ def test_inputs_are_never_overwritten(made: Path, tmp_path: Path) -> None:
     before = plan.read_bytes()
     done = run("deploy", plan, "--rig", EXAMPLES / "rig_mock.toml", "--log", plan, cwd=tmp_path)
     assert done.returncode == 2
-    assert "is an input" in done.stderr
+    assert "is a file that is read here" in done.stderr
     assert plan.read_bytes() == before
 
 
