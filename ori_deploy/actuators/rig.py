@@ -378,7 +378,8 @@ def load_rig(path: str | Path) -> Rig:
     """
     source = str(path)
     try:
-        data = Path(path).read_bytes()
+        # Not made anew: it may be a file that was read before, and is no more to be read from where it was.
+        data = (path if isinstance(path, Path) else Path(path)).read_bytes()
     except OSError as error:
         raise RigError(
             "the rig file cannot be read", value=error.strerror, remedy="check the path", source=source

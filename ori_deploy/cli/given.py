@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 
 from ori_deploy.actuators.resolve import ResolvedRig
-from ori_deploy.actuators.rig import Rig, parse_rig
 from ori_deploy.cli.journal import default_path
 from ori_deploy.errors import FileError
-from ori_deploy.files.text import HeldFile, read_bytes, read_tables
+from ori_deploy.files.text import HeldFile, read_bytes
 from ori_deploy.telemetry.log import kept_as
 
 
@@ -26,18 +23,6 @@ def held(path: Path) -> HeldFile:
         It cannot be read.
     """
     return HeldFile.of(path, read_bytes(path))
-
-
-def read_rig(path: Path) -> Rig:
-    """A rig file, which may be one that is held.
-
-    Raises
-    ------
-    InputError
-        Naming the file, the key, the value, the rule and the remedy.
-    """
-    file = path if isinstance(path, HeldFile) else held(path)
-    return replace(parse_rig(read_tables(file), str(file)), sha256=hashlib.sha256(file.data).hexdigest())
 
 
 def named(paths: Iterable[Path | None]) -> tuple[Path, ...]:

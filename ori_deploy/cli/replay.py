@@ -14,9 +14,9 @@ import click
 
 import ori_deploy
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
+from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import PLAN_NAME, RIG_NAME
 from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, warn
-from ori_deploy.cli.given import read_rig
 from ori_deploy.errors import FileError
 from ori_deploy.files import load_plan
 from ori_deploy.files.text import HeldFile
@@ -88,7 +88,7 @@ def _inputs(
 ) -> tuple[Plan, ResolvedRig]:
     """Plan and rig, from the log where no file is given."""
     plan = load_plan(plan_file or _kept(log, recording, PLAN_NAME))
-    rig = read_rig(rig_file or _kept(log, recording, RIG_NAME))
+    rig = load_rig(rig_file or _kept(log, recording, RIG_NAME))
     return plan, resolve_rig(rig, plan.cell_ids, plan.latch_points)
 
 

@@ -19,9 +19,10 @@ from ori_deploy import realtime
 from ori_deploy.actuators.bus import ActuatorBus, CommandRefused
 from ori_deploy.actuators.hardware import hardware_bus
 from ori_deploy.actuators.resolve import ResolvedRig, resolve_rig
+from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.flight import controller_for, flight_recorder
 from ori_deploy.cli.frame import nothing_moved, warn
-from ori_deploy.cli.given import held, named, read_rig, refuse_shared
+from ori_deploy.cli.given import held, named, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
@@ -55,7 +56,7 @@ def rig_for(path: Path, plan: Plan) -> ResolvedRig:
     RigError
         It does not fit, or its rate is not the plan's.
     """
-    rig = resolve_rig(read_rig(path), plan.cell_ids, plan.latch_points)
+    rig = resolve_rig(load_rig(path), plan.cell_ids, plan.latch_points)
     if rig.rate_hz != plan.rate_hz:
         raise RigError(
             "rate_hz: not the rate the plan was made for",

@@ -78,22 +78,17 @@ def read_text(path: Path) -> str:
 
 def read_toml(path: Path, schema: str) -> dict[str, Any]:
     """The tables of a TOML file whose `schema` key is as given."""
-    data = read_tables(path)
-    check_schema(path, data, schema)
-    return data
-
-
-def read_tables(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file, of whatever schema."""
     text = read_text(path)
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except RecursionError as wrong:
         raise FileError(f"{path}: nested too deeply", remedy="check that this is the right file") from wrong
     except tomllib.TOMLDecodeError as wrong:
         json_like = text.lstrip().startswith("{")
         remedy = "this looks like a design or a plan: give the file a person wrote" if json_like else "mend the line"
         raise FileError(f"{path}: not TOML", value=str(wrong), remedy=remedy) from wrong
+    check_schema(path, data, schema)
+    return data
 
 
 def read_json(path: Path, schema: str) -> dict[str, Any]:
