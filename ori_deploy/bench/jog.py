@@ -10,8 +10,8 @@ from ori_deploy.actuators.bus import CommandRefused
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import read, velocity_units
 from ori_deploy.actuators.dynamixel.wiring import MAX_TURNS, RAD_PER_COUNT
-from ori_deploy.bench.guarded import Guarded, NotReached, count_of
-from ori_deploy.bench.meaning import TIME_BASED, error_words
+from ori_deploy.bench.guarded import Guarded, NotReached, count_of, require_no_error
+from ori_deploy.bench.meaning import TIME_BASED
 from ori_deploy.bench.servos import Snapshot, known_model
 from ori_deploy.clock import Clock
 from ori_deploy.wire.dynamixel import OperatingMode, ServoModel
@@ -112,12 +112,7 @@ def plan_move(
     """
     model = known_model(pong)
     table = model.table
-    bits = read(line, pong.id, table.hardware_error_status)
-    if bits:
-        raise CommandRefused(
-            f"servo {pong.id} reports {error_words(bits)}; remedy: remove the cause, then ori-deploy bus "
-            f"reset-error {pong.id}"
-        )
+    require_no_error(line, pong)
     if read(line, pong.id, table.drive_mode) & TIME_BASED:
         raise CommandRefused(
             f"servo {pong.id}: drive_mode has the time-based profile; limit: velocity-based, so that the speed is "
