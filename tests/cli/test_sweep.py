@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
@@ -37,7 +38,8 @@ def run(*given: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def table(path: Path) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = pq.read_table(path).to_pylist()
+    whole = io.BytesIO(path.read_bytes())  # a path is opened twice, and replaced in between
+    rows: list[dict[str, Any]] = pq.read_table(whole).to_pylist()
     return rows
 
 
