@@ -20,7 +20,7 @@ from ori_deploy.bench.servos import torque_off
 from ori_deploy.bench.walk import Limits, require_walk, stop_zero
 from ori_deploy.cli.bus_common import Place, confirm, place, tell_json
 from ori_deploy.cli.bus_rig import DECIMALS, check_new, from_template, save_rig, with_zeros
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, Heeding, example, warn
 from ori_deploy.cli.session import StopRequest, rig_for
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import FileError, InputError, RigError, begun
@@ -33,7 +33,8 @@ _END_OF_STOP: dict[str, End] = {"closing": "stowed", "opening": "deployed"}
 
 
 @click.command(
-    epilog=example("ori-deploy bus calibrate rig.toml --plan wing.plan.json --pose stowed --port /dev/ttyUSB0")
+    cls=Heeding,
+    epilog=example("ori-deploy bus calibrate rig.toml --plan wing.plan.json --pose stowed --port /dev/ttyUSB0"),
 )
 @click.argument("rig_file", metavar="RIG", type=IN)
 @click.option("--plan", "plan_file", type=IN, required=True, help="Plan whose poses are meant.")

@@ -10,13 +10,13 @@ import click
 
 from ori_deploy.bench.jog import LONG_WAY_RAD, Jogged, carry_out, plan_move
 from ori_deploy.cli.bus_common import ID, confirm, model_name, place, place_options, tell_json
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, example, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, Heeding, example, warn
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError
 
 
-@click.command(epilog=example("ori-deploy bus jog 3 --by 10 --port /dev/ttyUSB0"))
+@click.command(cls=Heeding, epilog=example("ori-deploy bus jog 3 --by 10 --port /dev/ttyUSB0"))
 @click.argument("servo_id", metavar="ID", type=ID)
 @click.option("--by", "by_deg", type=float, metavar="DEG", help="Turn by so much, counter-clockwise.")
 @click.option("--to", "to_deg", type=float, metavar="DEG", help="Turn to here; 0 is the middle of the first turn.")

@@ -16,7 +16,7 @@ from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.bench.meaning import error_words
 from ori_deploy.bench.servos import Snapshot, find, find_all, known_model, snapshots
 from ori_deploy.cli.bus_common import DIGITS, ID, Place, columns, model_name, place, place_options
-from ori_deploy.cli.frame import console, example
+from ori_deploy.cli.frame import Heeding, console, example
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.wire.dynamixel.models import RPM
@@ -24,7 +24,7 @@ from ori_deploy.wire.dynamixel.models import RPM
 _HEADER = ("id", "model", "deg", "rad", "rpm", "effort", "volt", "°C", "torque", "error")
 
 
-@click.command(epilog=example("ori-deploy bus monitor 1 2 3 --rate 10 --port /dev/ttyUSB0"))
+@click.command(cls=Heeding, epilog=example("ori-deploy bus monitor 1 2 3 --rate 10 --port /dev/ttyUSB0"))
 @click.argument("ids", nargs=-1, type=ID)
 @click.option("--rate", "rate_hz", type=click.FloatRange(0.1, 100.0), default=5.0, show_default=True, metavar="HZ")
 @click.option("--count", type=click.IntRange(1), help="Stop after so many; without it, Ctrl-C does.")

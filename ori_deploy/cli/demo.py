@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, example, print_table, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, Heeding, example, print_table, warn
 from ori_deploy.cli.report import write_report
 from ori_deploy.cli.session import Options, carry_out
 from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan
@@ -21,7 +21,7 @@ from ori_deploy.telemetry.summary import summarise
 from ori_deploy.view import draw_plan, draw_section, draw_spanwise, draw_strip, draw_tracking, to_png, to_svg
 
 
-@click.command(epilog=example("ori-deploy demo -o out/demo"))
+@click.command(cls=Heeding, epilog=example("ori-deploy demo -o out/demo"))
 @click.argument("spec", type=IN, required=False)
 @click.option("--rig", type=IN, help="Rig file.  [default: the mock rig that is shipped]")
 @click.option(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, console, print_table
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, Heeding, console, print_table
 from ori_deploy.cli.optimise import default_workers
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.errors import FileError
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 NAMES = ("fig3", "fig4a", "fig4c", "fig4d", "fig5", "walls")
 
 
-@click.command(epilog="\b\nExample:\n  ori-deploy figures --out out/figures fig4c walls")
+@click.command(cls=Heeding, epilog="\b\nExample:\n  ori-deploy figures --out out/figures fig4c walls")
 @click.argument("names", type=click.Choice(NAMES), nargs=-1, metavar=f"[{'|'.join(NAMES)}]...")
 @click.option(
     "--out",

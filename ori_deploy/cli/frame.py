@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ori_deploy.cli.output import EXIT_UNHEARD, EXIT_UNTOLD, Status, told
+from ori_deploy.cli.starting import remembered_interrupts
 from ori_deploy.errors import InputError, OriDeployError
 from ori_deploy.spelling import near
 
@@ -103,6 +104,14 @@ class Commands(click.Group):
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
             sys.exit(EXIT_INTERRUPTED)
+
+
+class Heeding(click.Command):
+    """A command with a `StopRequest`: no interrupt since its first line is lost to that."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with remembered_interrupts():
+            return super().invoke(ctx)
 
 
 @contextmanager

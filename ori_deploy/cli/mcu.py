@@ -15,7 +15,7 @@ from ori_deploy.actuators.mcu.faults import state_name
 from ori_deploy.actuators.mcu.records import Record, config_hash, records
 from ori_deploy.bench.board import clear_fault, fault_words, firmware_version, reset_cause
 from ori_deploy.cli.bus_common import tell_json
-from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, Commands, example
+from ori_deploy.cli.frame import EXIT_NOT_DONE, IN, Commands, Heeding, example
 from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
 from ori_deploy.cli.mcu_monitor import Shown, watch
 from ori_deploy.cli.mcu_motion import jog, torque_off
@@ -100,7 +100,7 @@ def config(rig_file: Path, plan_file: Path, port: str | None, check: bool, as_js
         raise SystemExit(EXIT_NOT_DONE)
 
 
-@mcu.command(epilog=example("ori-deploy mcu monitor --rate 10 --port /dev/ttyACM0"))
+@mcu.command(cls=Heeding, epilog=example("ori-deploy mcu monitor --rate 10 --port /dev/ttyACM0"))
 @where_options
 @click.option("--rate", "rate_hz", type=click.FloatRange(0.1, 50.0), default=5.0, show_default=True, metavar="HZ")
 @click.option("--count", type=click.IntRange(1), help="Stop after so many; without it, Ctrl-C does.")

@@ -13,14 +13,14 @@ from ori_deploy.actuators.mcu.startup import check_config, check_firmware
 from ori_deploy.bench.board import release
 from ori_deploy.bench.board_jog import Jog, Jogged, carry_out, plan_jog
 from ori_deploy.cli.bus_common import DIGITS, confirm, tell_json
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, example
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, Heeding, example
 from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import InputError
 
 
-@click.command(epilog=example("ori-deploy mcu jog rig.toml --plan wing.plan.json servo_1 --by 0.1"))
+@click.command(cls=Heeding, epilog=example("ori-deploy mcu jog rig.toml --plan wing.plan.json servo_1 --by 0.1"))
 @click.argument("rig_file", metavar="RIG", type=IN)
 @click.argument("actuator")
 @click.option("--plan", "plan_file", type=IN, required=True, help="Plan whose cells and latch points the rig drives.")

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, OUT, example, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, OUT, Heeding, example, warn
 from ori_deploy.cli.given import named
 from ori_deploy.cli.session import Command, Options, StoppedBy, carry_out
 from ori_deploy.cli.spanwise import span_option, tell_span
@@ -80,6 +80,7 @@ def _tell_end(results: tuple[MotionResult, ...], stopped: StoppedBy | None, ends
 def _motion_command(name: Command, text: str, ends: str) -> click.Command:
     @click.command(
         name,
+        cls=Heeding,
         help=text,
         epilog=example(f"ori-deploy {name} wing.plan.json --rig examples/rig_mock.toml --log run.mcap"),
     )
@@ -108,7 +109,9 @@ stow = _motion_command(
 )
 
 
-@click.command(epilog=example("ori-deploy recover wing.plan.json --rig rig.toml --design wing.design.json"))
+@click.command(
+    cls=Heeding, epilog=example("ori-deploy recover wing.plan.json --rig rig.toml --design wing.design.json")
+)
 @_motion_options
 @click.option("--design", type=IN, required=True, help="Design file, to check every pose of the way with.")
 def recover(plan_file: Path, rig: Path, **given: Any) -> None:

@@ -15,7 +15,7 @@ import click
 from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.flight import controller_for, flight_recorder
-from ori_deploy.cli.frame import IN, OUT, example
+from ori_deploy.cli.frame import IN, OUT, Heeding, example
 from ori_deploy.cli.given import held, named, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
@@ -296,7 +296,9 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command(epilog=example("ori-deploy serve wing.plan.json --rig rig.toml --mavlink examples/mavlink.toml"))
+@click.command(
+    cls=Heeding, epilog=example("ori-deploy serve wing.plan.json --rig rig.toml --mavlink examples/mavlink.toml")
+)
 @_options
 @view_options
 def serve(

@@ -27,6 +27,7 @@ from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
 from ori_deploy.cli.operating import Operator, operated
 from ori_deploy.cli.recover import recovering
+from ori_deploy.cli.starting import answer_interrupt
 from ori_deploy.clock import Clock, MonotonicClock, VirtualClock
 from ori_deploy.deploy.controller import Controller
 from ori_deploy.deploy.result import MotionResult
@@ -135,7 +136,8 @@ class StopRequest:
 
     The first signal only sets `requested`, which is looked at once per cycle: an exception out of nowhere
     could leave a bus transaction half done. One that comes soon after it is the same wish, by nervous fingers or
-    a wrapper that signals its whole group; a later one raises KeyboardInterrupt.
+    a wrapper that signals its whole group; a later one raises KeyboardInterrupt. So does, at the begin, one that
+    came while the command was being prepared and was lost there (`Heeding`): nothing moves after it.
     """
 
     SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -149,11 +151,19 @@ class StopRequest:
         # Whoever began this with `nohup` has said that a hangup is to mean nothing.
         heeded = [n for n in self.SIGNALS if n != signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
         self._before = {number: signal.signal(number, self._note) for number in heeded}
+        try:
+            answer_interrupt()
+        except KeyboardInterrupt:
+            self._restore()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._restore()
+
+    def _restore(self) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 

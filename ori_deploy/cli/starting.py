@@ -1,4 +1,4 @@
-"""How a command starts: what must be so before numpy is loaded, and Ctrl-C while programs are being loaded."""
+"""How a command starts: what must be so before numpy is loaded, and Ctrl-C before anything could move."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from types import FrameType
 
 _INTERRUPTED = 130
+_unanswered = False
+"""Whether an interrupt has come in a block of `remembered_interrupts`."""
 
 
 def keep_to_one_thread() -> None:
@@ -58,3 +60,43 @@ def _leave(number: int, frame: FrameType | None) -> None:
     del number, frame
     os.write(2, b"interrupted\n")
     os._exit(_INTERRUPTED)
+
+
+@contextmanager
+def remembered_interrupts() -> Iterator[None]:
+    """Until the end of the block an interrupt is remembered, for `answer_interrupt`; it raises as ever, besides.
+
+    Libraries swallow what is raised inside of them: pydantic does so with KeyboardInterrupt while it makes a
+    validator, and the command went on to move. Interrupts that are ignored, as a shell has it for jobs in the
+    background, are remembered only. Outside the main thread there are none.
+    """
+    global _unanswered
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _unanswered = False
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    before = signal.signal(signal.SIGINT, _remember if ignored else _remember_and_raise)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def answer_interrupt() -> None:
+    """Raise KeyboardInterrupt where an interrupt was remembered, and has not ended the command."""
+    global _unanswered
+    if _unanswered:
+        _unanswered = False
+        raise KeyboardInterrupt
+
+
+def _remember(number: int, frame: FrameType | None) -> None:
+    global _unanswered
+    del number, frame
+    _unanswered = True
+
+
+def _remember_and_raise(number: int, frame: FrameType | None) -> None:
+    _remember(number, frame)
+    raise KeyboardInterrupt

@@ -11,7 +11,7 @@ from typing import Any
 import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, console, print_table, warn
+from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, Heeding, console, print_table, warn
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.cli.steps import SPEC_ENDING, refuse_overwriting
 from ori_deploy.errors import InputError
@@ -23,6 +23,7 @@ from ori_deploy.sweep.job import FAILED, FOUND, INFEASIBLE, Row
 
 
 @click.command(
+    cls=Heeding,
     epilog="\b\nExample:\n  ori-deploy sweep examples/sweep_ellipse.toml -o ellipse.parquet",
 )
 @click.argument("spec", type=IN)
