@@ -31,9 +31,11 @@ COMPUTING = (
 
 
 def pytest_configure() -> None:
-    """Jobs in the background ignore interrupts, and so would all that is started here and asked to stop by one."""
+    """Jobs in the background ignore interrupts, those of `nohup` hangups, and so would all that is started here."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(wrapper=True)
