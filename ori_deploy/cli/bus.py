@@ -35,7 +35,7 @@ from ori_deploy.cli.bus_common import (
 )
 from ori_deploy.cli.bus_jog import jog
 from ori_deploy.cli.bus_monitor import monitor
-from ori_deploy.cli.frame import Commands, example, warn
+from ori_deploy.cli.frame import Commands, Heeding, example, warn
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import begun
 from ori_deploy.wire.dynamixel import BAUD_CODES
@@ -179,7 +179,7 @@ def set_baud_command(
     warn(f"a rig for these servos has to say baud = {new} in [dynamixel]")
 
 
-@bus.command("reset-error", epilog=example("ori-deploy bus reset-error 3 --port /dev/ttyUSB0"))
+@bus.command("reset-error", cls=Heeding, epilog=example("ori-deploy bus reset-error 3 --port /dev/ttyUSB0"))
 @click.argument("which", metavar="ID|all", callback=which_servo)
 @click.option("--yes", is_flag=True, help="Restart servos that hold torque without asking.")
 @place_options
@@ -225,7 +225,7 @@ def _holds(line: ServoLine, pong: Pong) -> bool:
     return bool(read(line, pong.id, known_model(pong).table.torque_enable))
 
 
-@bus.command("torque-off", epilog=example("ori-deploy bus torque-off all --port /dev/ttyUSB0"))
+@bus.command("torque-off", cls=Heeding, epilog=example("ori-deploy bus torque-off all --port /dev/ttyUSB0"))
 @click.argument("which", metavar="ID|all", callback=which_servo)
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @place_options

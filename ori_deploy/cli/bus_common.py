@@ -20,6 +20,7 @@ from ori_deploy.actuators.dynamixel.port import BlockingPort
 from ori_deploy.actuators.rig import Rig, load_rig
 from ori_deploy.bench.servos import USUAL_BAUDS, find, find_all
 from ori_deploy.cli.frame import IN, nothing_moved
+from ori_deploy.cli.starting import answer_interrupt
 from ori_deploy.errors import InputError, RigError
 from ori_deploy.wire.dynamixel import BAUD_CODES
 
@@ -152,13 +153,16 @@ def confirm(question: str, *, yes: bool) -> None:
     ------
     CommandRefused
         The answer is no.
+    KeyboardInterrupt
+        One came before, and was lost (`Heeding`): what follows makes something limp, or moves it.
     """
+    answer_interrupt()
     if yes:
         return
     try:
         agreed = click.confirm(question, err=True)
-    except click.Abort:
-        if sys.stdin.isatty():
+    except click.Abort as ended:
+        if sys.stdin.isatty() or isinstance(ended.__context__, KeyboardInterrupt):
             raise
         click.echo(err=True)  # nobody there to answer
         agreed = False

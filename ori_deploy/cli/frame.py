@@ -107,7 +107,7 @@ class Commands(click.Group):
 
 
 class Heeding(click.Command):
-    """A command with a `StopRequest`: no interrupt since its first line is lost to that."""
+    """A command that moves or makes limp: `StopRequest` and `confirm` lose no interrupt that came since its begin."""
 
     def invoke(self, ctx: click.Context) -> Any:
         with remembered_interrupts():

@@ -96,7 +96,7 @@ def _tell(done: Jogged, *, as_json: bool) -> None:
         click.echo(f"interrupted: {text}, stopped on its way to {move.goal_rad:.4f} rad", err=True)
 
 
-@click.command("torque-off", epilog=example("ori-deploy mcu torque-off --rig rig.toml"))
+@click.command("torque-off", cls=Heeding, epilog=example("ori-deploy mcu torque-off --rig rig.toml"))
 @where_options
 @click.option("--latches", "with_latches", is_flag=True, help="Also let electromagnets and lock pins go.")
 @click.option("--yes", is_flag=True, help="Do not ask.")

@@ -13,7 +13,8 @@ from typing import Any
 import click
 import pytest
 
-from ori_deploy.cli import main, session
+from ori_deploy.cli import bus_common, main, session
+from ori_deploy.cli.bus_common import confirm
 from ori_deploy.cli.frame import Heeding
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.cli.starting import answer_interrupt, remembered_interrupts
@@ -72,6 +73,30 @@ def test_an_interrupt_that_is_swallowed_while_files_are_read_keeps_everything_wh
 
 
 @pytest.mark.usefixtures("as_begun")
+@pytest.mark.parametrize("yes", [True, False])
+def test_nothing_is_made_limp_after_an_interrupt_that_was_swallowed(yes: bool) -> None:
+    """Reproduced: `bus calibrate --yes` let all servos go, and was interrupted at the first hinge."""
+    with remembered_interrupts():
+        swallowing(int)()
+        with pytest.raises(KeyboardInterrupt):
+            confirm("Torque off?", yes=yes)
+
+
+def test_an_interrupt_at_a_question_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reproduced: with standard input a pipe, it was taken for its end, and told as a no."""
+
+    def asked(*_: Any, **__: Any) -> bool:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            raise click.Abort from None
+
+    monkeypatch.setattr(bus_common.click, "confirm", asked)
+    with pytest.raises(click.Abort):
+        confirm("Torque off?", yes=False)
+
+
+@pytest.mark.usefixtures("as_begun")
 def test_what_was_remembered_is_answered_once() -> None:
     with remembered_interrupts():
         swallowing(int)()
@@ -117,8 +142,8 @@ def leaves(command: click.Command, name: tuple[str, ...] = ()) -> Iterator[tuple
         yield name, command
 
 
-def reaches_stop_request(function: FunctionType, seen: set[CodeType]) -> bool:
-    """Whether a command's code, or what it calls in its room, names `StopRequest`."""
+def answers(function: FunctionType, seen: set[CodeType]) -> bool:
+    """Whether a command's code, or what it calls in its room, asks for interrupts that were lost."""
     pending = [function.__code__]
     while pending:
         code = pending.pop()
@@ -128,16 +153,23 @@ def reaches_stop_request(function: FunctionType, seen: set[CodeType]) -> bool:
         pending += [const for const in code.co_consts if isinstance(const, CodeType)]
         for name in code.co_names:
             named = function.__globals__.get(name)
-            if named is StopRequest:
+            if named in (StopRequest, confirm):
                 return True
             here = isinstance(named, FunctionType) and named.__module__.startswith("ori_deploy.cli")
-            if here and reaches_stop_request(named, seen):
+            if here and answers(named, seen):
                 return True
     return False
 
 
-def test_every_command_that_has_a_stop_request_heeds_interrupts_from_its_begin() -> None:
-    found = {name for name, leaf in leaves(main) if reaches_stop_request(leaf.callback, set())}  # type: ignore[arg-type]
+def test_every_command_that_moves_or_makes_limp_heeds_interrupts_from_its_begin() -> None:
+    found = {name for name, leaf in leaves(main) if answers(leaf.callback, set())}  # type: ignore[arg-type]
     heeding = {name for name, leaf in leaves(main) if isinstance(leaf, Heeding)}
     assert found == heeding
-    assert {("deploy",), ("serve",), ("bus", "jog"), ("mcu", "jog")} <= found
+    assert {
+        ("deploy",),
+        ("serve",),
+        ("bus", "jog"),
+        ("bus", "torque-off"),
+        ("mcu", "jog"),
+        ("mcu", "torque-off"),
+    } <= found
