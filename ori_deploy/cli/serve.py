@@ -113,7 +113,7 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
             punctual(True),
         ):
             live.line(f"serving {plan.design_name}: {_where(settings)}; Ctrl-C ends it")
-            _Loop(controller, orders, stop, socket, network, recorder, live).run()
+            _Loop(controller, orders, stop, desk, socket, network, recorder, live).run()
 
 
 class _OnScreen(logging.Handler):
@@ -194,6 +194,7 @@ class _Loop:
     controller: Controller
     orders: StandingOrders
     stop: StopRequest
+    desk: Desk
     socket: OperatorSocket
     network: Network | None
     recorder: Recorder | None
@@ -206,10 +207,10 @@ class _Loop:
             if self.stop.requested and self.controller.state in (State.MOVING, State.LATCHING, State.HOLD):
                 self.controller.stop()  # what is held is given up, too, and says so
             was_running = self.orders.running
-            if not self.stop.requested:
-                self.socket.poll()
-                if self.network is not None:
-                    self.network.poll()
+            self.desk.closing = self.stop.requested
+            self.socket.poll()  # until all is at rest somebody may need an emergency stop
+            if self.network is not None:
+                self.network.poll()
             if self.orders.running and not was_running:
                 self.live.begin("order")
             self._cycle()

@@ -148,6 +148,8 @@ class Desk:
         "deploy" or "stow", whichever was carried out last; None before the first.
     forced
         Whether the last order went past the interlock.
+    closing
+        Whether the session ends as soon as all is at rest: stops are carried out still, what may move is not.
     """
 
     def __init__(
@@ -173,7 +175,7 @@ class Desk:
         self._began, self._now = now, now
         self._last: CycleRecord | None = None
         self.command: str | None = None
-        self.forced = False
+        self.forced = self.closing = False
         self._latches: tuple[LatchStatus, ...] = ()
         self._temperature_c: tuple[float | None, ...] = ()
         self.stopped_by: str | None = None
@@ -217,6 +219,8 @@ class Desk:
             return self.told(self.status())
         if late is not None and request.do in MAY_MOVE:
             answer = self._refused(Code.TOO_LATE, late)
+        elif self.closing and request.do in MAY_MOVE:
+            answer = self._refused(Code.NOT_NOW, "the session has been told to end, and does at rest")
         else:
             answer = self._judged(request, who)
         if self._controller.state is State.DISCONNECTED:

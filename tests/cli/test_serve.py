@@ -8,12 +8,14 @@ import socket
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 from ori_deploy.mav.commands import SENT_AGAIN_S
 from ori_deploy.mav.ground import GroundStation, NoAnswer, Result, State, Structure, Verdict
@@ -107,6 +109,29 @@ def test_a_signal_brings_what_moves_to_rest_along_its_path_and_ends(plan: Path, 
     assert log.rate[-1] == 0.0
     orders = [(one["command"], one["arguments"]) for one in log.commands if one["command"].startswith("order ")]
     assert orders == [("order deploy", "system 255 component 190")]
+
+
+@pytest.mark.slow
+def test_an_emergency_stop_is_heard_while_a_signal_brings_it_to_rest(plan: Path, tmp_path: Path) -> None:
+    """Reproduced: nobody was listened to after the signal, and it went on for all of its ramp."""
+    (tmp_path / plan.name).write_bytes(plan.read_bytes())
+    rig = tomllib.loads(plan.with_name("rig.toml").read_text())
+    rig["controller"]["hold_ramp_s"] = 2.0  # the longest there is
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig))
+    with serving(tmp_path / plan.name, tmp_path, deploy_when="always") as served:
+        slow_down(served)
+        verdict = meanwhile(lambda station: station.deploy(), served)
+        served.until(moving)
+        serves = find(served.process.pid)
+        served.process.process.send_signal(signal.SIGINT)
+        served.process.until("moving -> stopping")
+        (refused,) = ask(serves, Request(Do.STOW))
+        (stopped,) = ask(serves, Request(Do.ESTOP))
+        _, out, _ = served.process.end()
+        assert not verdict.result(60.0).accepted
+    assert (refused.took, stopped.took) == (False, True)
+    assert "told to end" in str(refused.why)
+    assert "stopping -> fault" in out
 
 
 @pytest.mark.slow

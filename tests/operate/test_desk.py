@@ -13,7 +13,7 @@ from ori_deploy.actuators import rig
 from ori_deploy.deploy.states import State
 from ori_deploy.operate.desk import Desk
 from ori_deploy.operate.due import DueGoals
-from ori_deploy.operate.messages import STOW_POINT, Do, Request, Status
+from ori_deploy.operate.messages import MAY_MOVE, STOW_POINT, Code, Do, Request, Status
 from ori_deploy.operate.orders import StandingOrders
 from tests.deploy.synthetic import Bench, bench
 from tests.deploy.test_controller import PIN, STOW_LOCK
@@ -72,6 +72,18 @@ def test_progress_of_a_stow_counts_backwards() -> None:
     assert now.remaining_s == pytest.approx(record.path_time_s, abs=1e-3)
     assert now.progress_percent is not None
     assert now.progress_percent < 50.0
+
+
+@pytest.mark.parametrize("do", sorted(MAY_MOVE))
+def test_a_session_that_ends_takes_stops_and_nothing_that_moves(do: Do) -> None:
+    b = bench()
+    desk = desk_of(b)
+    desk.closing = True
+    told = desk.answer(Request(do), "somebody")
+    assert (told.took, told.code) == (False, Code.NOT_NOW)
+    assert told.why == "the session has been told to end, and does at rest"
+    assert desk.answer(Request(Do.ESTOP), "somebody").took
+    assert b.controller.state is State.FAULT
 
 
 def test_a_fault_is_told_with_its_remedy() -> None:
