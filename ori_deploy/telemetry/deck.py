@@ -26,6 +26,10 @@ _LOST_CALLS = 10_000
 
 _NOT_CALLS = "spcefx"
 
+_FROM_OUTSIDE = ("KeyboardInterrupt", "SystemExit")
+"""What ends a command between two calls without the controller's doing. All else it has raised itself, and does so
+again: a command that it refused then and goes on with now is a difference."""
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -137,8 +141,8 @@ class Deck:
         entry = self.peek()
         if entry is None:
             raise Over
-        if entry.kind == "e" and entry.error is not None:  # the loop was interrupted about here
-            raise rich_error(entry.error)
+        if entry.kind == "e" and entry.error is not None and entry.error["type"] in _FROM_OUTSIDE:
+            raise rich_error(entry.error)  # the loop was interrupted about here
         if entry.kind in _NOT_CALLS or entry.name != name:
             self.differs("call", _call(name, arguments), _entry(entry))
             return self._anyhow(name)

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from ori_deploy.deploy.cycle import Cycle
 from ori_deploy.deploy.journal import Entry
 from ori_deploy.deploy.result import FaultKind
 from ori_deploy.deploy.states import State
@@ -260,6 +261,44 @@ class Interrupting(MockBus):
         if self.left == 0:
             raise KeyboardInterrupt
         return super()._read_hinges()
+
+
+def test_a_run_that_was_interrupted_between_calls_is_decided_the_same_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    def script(f: Flight) -> None:
+        begun(f)
+        judge, pending = Cycle._judge, [KeyboardInterrupt()]
+
+        def interrupted(*given: Any) -> None:
+            if pending:
+                raise pending.pop()
+            judge(*given)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Cycle, "_judge", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                f.controller.step()
+        f.controller.close()
+
+    flight, pieces = flown(PLAN, script)
+    done = replay(pieces, PLAN, flight.rig)
+    assert done.same, done.differences
+
+
+def test_a_command_that_was_refused_and_would_be_carried_out_now_is_a_difference() -> None:
+    """Reproduced: whatever ended a command in the log was raised again, and that was found to be the same."""
+
+    def script(f: Flight) -> None:
+        f.controller.connect()
+        f.controller.arm()
+        with pytest.raises(OriDeployError):
+            f.controller.deploy()
+        f.controller.close()
+
+    flight, pieces = flown(PLAN, script, controller={"start_tolerance_rad": 1e-7})
+    assert replay(pieces, PLAN, flight.rig).same
+    done = replay(pieces, PLAN, synthetic_rig(PLAN))
+    assert not done.same
+    assert any("StartRefused" in difference.logged for difference in done.differences), done.differences
 
 
 def test_a_run_that_was_interrupted_in_a_call_is_decided_the_same_again() -> None:
