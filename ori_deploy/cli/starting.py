@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,13 +27,16 @@ def keep_to_one_thread() -> None:
 def keep_standard_descriptors() -> None:
     """Open on nothing what is closed of standard input, output and error.
 
-    The next file would take its number: a log, or a port, into which whatever is started would read and write.
+    The next file would take its number: a log, or a port, into which whatever is started would read and write. Errors
+    go to nothing there, too, instead of to a stream that is None: a loop that has one to tell must not break by that.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # it takes the lowest that is free: this one
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115  for as long as the process lives
 
 
 @contextmanager

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -129,6 +132,16 @@ def test_other_threads_have_no_interrupts_to_remember() -> None:
     thread.start()
     thread.join()
     assert ended
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_a_loop_with_something_to_say_is_not_broken_by_a_closed_error_stream(closed: str, tmp_path: Path) -> None:
+    """Reproduced: somebody paused a motion, nowhere to say so was a TypeError in the loop, and that a fault."""
+    said = "from ori_deploy.cli import main, operating; import os, sys; operating._say('paused'); sys.stderr.flush();"
+    said += "os.mkdir('said')"
+    line = f"{shlex.quote(sys.executable)} -c {shlex.quote(said)} {closed}"
+    assert subprocess.run(line, shell=True, cwd=tmp_path, check=False).returncode == 0
+    assert (tmp_path / "said").is_dir()
 
 
 def leaves(command: click.Command, name: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
