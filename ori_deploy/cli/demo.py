@@ -8,11 +8,14 @@ from pathlib import Path
 
 import click
 
+from ori_deploy.actuators.rig import load_rig
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, Heeding, example, print_table, warn
+from ori_deploy.cli.given import held
 from ori_deploy.cli.report import write_report
-from ori_deploy.cli.session import Options, carry_out
+from ori_deploy.cli.session import Options, carry_out, lost_observers
 from ori_deploy.cli.steps import DESIGN_ENDING, PLAN_ENDING, SPEC_ENDING, make_design, make_plan
 from ori_deploy.design import Structure
+from ori_deploy.errors import FileError, InputError
 from ori_deploy.files import write_atomically
 from ori_deploy.files.shipped import shipped
 from ori_deploy.motion import Mechanism, SpanFolding
@@ -23,7 +26,7 @@ from ori_deploy.view import draw_plan, draw_section, draw_spanwise, draw_strip, 
 
 @click.command(cls=Heeding, epilog=example("ori-deploy demo -o out/demo"))
 @click.argument("spec", type=IN, required=False)
-@click.option("--rig", type=IN, help="Rig file.  [default: the mock rig that is shipped]")
+@click.option("--rig", type=IN, help="Rig file, of simulated servos.  [default: the one that is shipped]")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path("out/demo"), show_default=True
 )
@@ -39,23 +42,36 @@ def demo(spec: Path | None, rig: Path | None, output: Path, realtime: bool) -> N
 def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: bool) -> int:
     """Run the demo; returns the exit status."""
     spec = spec or shipped("wing_naca2412.toml")
-    rig = rig or shipped("rig_mock.toml")
+    rig = held(rig or shipped("rig_mock.toml"))
+    if (backend := load_rig(rig).backend) != "mock":
+        raise InputError(
+            f"--rig: {rig} is of hardware, and a demo moves what nobody has looked at",
+            value=f'backend = "{backend}"',
+            limit='backend = "mock"',
+            remedy="design, plan and deploy, one after another",
+        )
     name = spec.name.removesuffix(SPEC_ENDING)
     design_file, plan_file, log = (
         output / f"{name}{DESIGN_ENDING}",
         output / f"{name}{PLAN_ENDING}",
         output / "run.mcap",
     )
-    log.unlink(missing_ok=True)
     built, data, _ = make_design(spec, design_file)
     made = make_plan(design_file, rig, plan_file)
     _, results, stopped = carry_out(
         plan_file, rig, ("deploy", "stow"), Options(log=log, realtime=realtime, span_unfolded=True)
     )
-    if stopped and len(results) < 2:
+    for line in dict.fromkeys(line for result in results for line in lost_observers(result)):
+        warn(line)
+    done = len(results) == 2 and results[-1].succeeded
+    if stopped and not done:
         warn(f"interrupted, at rest: no figures were made; the flight so far is in {log}")
         return EXIT_INTERRUPTED
-    run = read_run(log)
+    try:
+        run = read_run(log)
+    except FileError as lost:  # no bad input: the motions have been made
+        warn(f"no figures were made: {lost}")
+        return EXIT_NOT_DONE
     figures = {
         "section": draw_section(built.structure),
         "strip": draw_strip(built.structure),
@@ -90,4 +106,4 @@ def run_demo(spec: Path | None, rig: Path | None, output: Path, *, realtime: boo
             ("report", str(output / "report.html")),
         ],
     )
-    return 0 if len(results) == 2 and all(r.succeeded for r in results) else EXIT_NOT_DONE
+    return 0 if done else EXIT_NOT_DONE

@@ -11,7 +11,7 @@ import click
 
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, EXIT_NOT_DONE, IN, OUT, Heeding, example, warn
 from ori_deploy.cli.given import named
-from ori_deploy.cli.session import Command, Options, StoppedBy, carry_out
+from ori_deploy.cli.session import Command, Options, StoppedBy, carry_out, lost_observers
 from ori_deploy.cli.spanwise import span_option, tell_span
 from ori_deploy.cli.viewing import view_options, viewed, viewing
 from ori_deploy.deploy.result import MotionResult, Outcome
@@ -66,8 +66,8 @@ def _tell_end(results: tuple[MotionResult, ...], stopped: StoppedBy | None, ends
     if not results:
         click.echo("interrupted: before anything moved", err=True)
         sys.exit(EXIT_INTERRUPTED)
-    for problem in results[-1].observer_errors:
-        warn(f"the motion went on without an observer: {problem}")
+    for line in lost_observers(results[-1]):
+        warn(line)
     if stopped and not results[-1].succeeded:
         where = "brought to rest along its path" if results[-1].outcome is Outcome.STOPPED else "see the fault above"
         click.echo(f"interrupted: {where}; asked for by {stopped}", err=True)

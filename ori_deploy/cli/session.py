@@ -335,6 +335,11 @@ def _stopped_by(stop: StopRequest, operator: Operator | None) -> StoppedBy | Non
     return StoppedBy.SIGNAL if stop.requested else None
 
 
+def lost_observers(result: MotionResult) -> tuple[str, ...]:
+    """Who did not see a motion to its end, a line for each: a recorder, a journal."""
+    return tuple(f"the motion went on without an observer: {problem}" for problem in result.observer_errors)
+
+
 def tell_advice(bus: ActuatorBus) -> None:
     """What works on the bus and could work better."""
     for text in bus.advice:

@@ -8,15 +8,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from ori_deploy.cli import main, session
+from ori_deploy.cli import demo, main, session
 from ori_deploy.cli.session import StoppedBy, StopRequest, run_command
 from ori_deploy.deploy.controller import Controller
+from ori_deploy.deploy.result import MotionResult, Outcome
 from ori_deploy.deploy.states import State
 from tests.cli.inside import run
 
@@ -182,6 +185,45 @@ def test_demo_leaves_everything_it_promises(tmp_path: Path) -> None:
         assert (tmp_path / "demo" / name).stat().st_size > 1000
     for row in ("packaging ratio eta", "volume reduction", "box ratio", "duration", "tracking error", "clearance"):
         assert row in done.stdout
+
+
+def test_demo_moves_simulated_servos_only(tmp_path: Path) -> None:
+    """Reproduced: it opened the port of a rig of hardware, to move what it had just thought of."""
+    done = run("demo", "--rig", EXAMPLES / "rig_wing_dynamixel.toml", "-o", "demo", cwd=tmp_path)
+    assert done.returncode == 2
+    assert 'backend = "dynamixel"' in done.stderr
+    assert not (tmp_path / "demo").exists()
+
+
+def test_demo_deletes_no_log(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"of a flight")
+    (tmp_path / "bad.toml").write_text("")
+    assert run("demo", "bad.toml", "-o", ".", cwd=tmp_path).returncode == 2
+    assert (tmp_path / "run.mcap").read_bytes() == b"of a flight"
+
+
+@pytest.mark.parametrize("lost", ["log", "stow"])
+def test_demo_ends_with_the_status_of_what_became_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
+) -> None:
+    """Reproduced: 2 without a log after both motions, and 1 for Ctrl-C during the second."""
+    results: list[MotionResult] = []
+
+    def carried_out(*words: Any) -> Any:
+        plan, both, _ = session.carry_out(*words)
+        results.extend(both)
+        if lost == "log":
+            words[-1].log.unlink()
+            return plan, both, None
+        cut = replace(both[-1], outcome=Outcome.STOPPED)
+        assert not cut.succeeded
+        return plan, (both[0], cut), StoppedBy.SIGNAL
+
+    monkeypatch.setattr(demo, "carry_out", carried_out)
+    done = run("demo", EXAMPLES / "ellipse_4.toml", "-o", ".", cwd=tmp_path)
+    assert [result.succeeded for result in results] == [True, True]
+    assert done.returncode == (1 if lost == "log" else 130)
+    assert "no figures were made" in done.stderr
 
 
 @pytest.mark.parametrize(
