@@ -15,11 +15,20 @@ import click
 from ori_deploy.actuators.bus import ActuatorBus
 from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.flight import controller_for, flight_recorder
-from ori_deploy.cli.frame import IN, OUT, Heeding, example
+from ori_deploy.cli.frame import IN, OUT, Heeding, example, nothing_moved
 from ori_deploy.cli.given import held, named, refuse_shared
 from ori_deploy.cli.journal import journal
 from ori_deploy.cli.live import Live
-from ori_deploy.cli.session import Place, StopRequest, make_bus, punctual, rig_for, tell_advice, vouch_for
+from ori_deploy.cli.session import (
+    Place,
+    StopRequest,
+    lost_observers,
+    make_bus,
+    punctual,
+    rig_for,
+    tell_advice,
+    vouch_for,
+)
 from ori_deploy.cli.viewing import view_options, viewed, viewing
 from ori_deploy.clock import Clock, MonotonicClock
 from ori_deploy.deploy.controller import Controller
@@ -95,10 +104,11 @@ def serve_orders(plan_path: Path, rig_path: Path, settings: Settings | None, how
         controller_for(plan, rig, bus, clock, (live,), recorder, left_word) as controller,
     ):
         live.begin("connect")
-        controller.connect()
-        tell_advice(bus)
-        if how.trust_measured:
-            controller.trust_measured()
+        with nothing_moved():
+            controller.connect()
+            tell_advice(bus)
+            if how.trust_measured:
+                controller.trust_measured()
         orders = StandingOrders(
             controller,
             clock,
@@ -222,6 +232,8 @@ class _Loop:
         if result is None:
             return
         self.live.end(result)
+        for line in lost_observers(result):  # nobody can wait for the end of a session to be told
+            self.live.line(f"warning: {line}")
         if self.recorder is not None:
             self.recorder.write_result(result)
         if self.network is not None:

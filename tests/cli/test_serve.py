@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 import tomli_w
 
+from ori_deploy.actuators.bus import BusClosed
+from ori_deploy.deploy.controller import Controller
 from ori_deploy.mav.commands import SENT_AGAIN_S
 from ori_deploy.mav.ground import GroundStation, NoAnswer, Result, State, Structure, Verdict
 from ori_deploy.operate.client import ask, find
@@ -88,6 +90,16 @@ def test_a_link_that_cannot_be_opened_is_told(plan: Path) -> None:
         done = command("serve", plan, "--rig", plan.with_name("rig.toml"), "--link", link)
     assert done.exit_code == 1
     is_one_line(done, link, "in use")
+
+
+def test_a_bus_that_does_not_open_is_refused_and_nothing_moved(plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def connect(_: Controller) -> None:
+        raise BusClosed("/dev/ttyUSB0: cannot be opened; remedy: plug it in")
+
+    monkeypatch.setattr(Controller, "connect", connect)
+    done = command("serve", plan, "--rig", plan.with_name("rig.toml"))
+    assert done.exit_code == 3
+    is_one_line(done, "/dev/ttyUSB0")
 
 
 # -- a signal ------------------------------------------------------------------------------------------
@@ -234,26 +246,38 @@ def test_without_a_network_it_serves_other_terminals(plan: Path, tmp_path: Path)
 # -- processes that die --------------------------------------------------------------------------------
 
 
-def speaker_of(served: Served) -> int:
-    """The process that speaks MAVLink."""
+def child_of(served: Served, module: str) -> int:
+    """A process of it, by what it runs."""
     tasks = Path(f"/proc/{served.process.pid}/task")
     children = [int(pid) for task in tasks.iterdir() for pid in (task / "children").read_text().split()]
-    (found,) = [pid for pid in children if b"ori_deploy.mav.process" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    (found,) = [pid for pid in children if module.encode() in Path(f"/proc/{pid}/cmdline").read_bytes()]
     return found
+
+
+@pytest.mark.slow
+def test_the_death_of_the_recorder_is_told_with_the_next_motion(plan: Path, tmp_path: Path) -> None:
+    """Reproduced: `succeeded`, and not a word before the session ended."""
+    with serving(plan, tmp_path, "--log", "run.mcap", deploy_when="always") as served:
+        os.kill(child_of(served, "ori_deploy.telemetry"), signal.SIGKILL)
+        with served.station() as station:
+            assert station.deploy().accepted
+        served.process.until("warning: the motion went on without an observer")
+        served.process.process.send_signal(signal.SIGINT)
+        served.process.end()
 
 
 @pytest.mark.slow
 def test_the_process_that_speaks_dies_in_the_middle(plan: Path, tmp_path: Path) -> None:
     with serving(plan, tmp_path, deploy_when="always", parameters_file="set.json") as served:
         slow_down(served)
-        before = speaker_of(served)
+        before = child_of(served, "ori_deploy.mav.process")
         meanwhile(lambda station: station.deploy(timeout_s=5.0), served)
         served.until(moving)
         os.kill(before, signal.SIGKILL)
         served.process.until("error: the process that speaks MAVLink is gone")
         served.process.until("-> hold")
         held = served.until(lambda told: told.state is State.HOLD and told.at_rest)  # another speaks by then
-        assert speaker_of(served) != before
+        assert child_of(served, "ori_deploy.mav.process") != before
         assert 0.0 < held.fold < 1.0
         with served.station() as station:
             assert station.set_parameter("ORI_SPEED", 1.0) == 1.0
@@ -263,7 +287,7 @@ def test_the_process_that_speaks_dies_in_the_middle(plan: Path, tmp_path: Path) 
 @pytest.mark.slow
 def test_the_loop_dies_and_nobody_speaks_for_it(plan: Path, tmp_path: Path) -> None:
     with serving(plan, tmp_path, deploy_when="always") as served:
-        speaker = Path(f"/proc/{speaker_of(served)}")
+        speaker = Path(f"/proc/{child_of(served, 'ori_deploy.mav.process')}")
         slow_down(served)
         verdict = meanwhile(lambda station: station.deploy(), served)
         served.until(moving)
