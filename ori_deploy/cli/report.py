@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ori_deploy.cli.frame import IN, OUT, console, example, named_after, warn
+from ori_deploy.cli.given import held
 from ori_deploy.cli.steps import refuse_overwriting
 from ori_deploy.files import digest, load_design, load_plan, write_atomically
 from ori_deploy.telemetry.read import read_run
@@ -29,6 +30,8 @@ def report(log: Path, design_file: Path | None, plan_file: Path | None, output: 
 
 def write_report(path: Path, log: Path, design_file: Path | None, plan_file: Path | None) -> None:
     """One self-contained page from what is at hand."""
+    if plan_file is not None:
+        plan_file = held(plan_file)
     built = load_design(design_file) if design_file is not None else None
     made = load_plan(plan_file) if plan_file is not None else None
     refuse_overwriting(path, *(p for p in (log, design_file, plan_file) if p is not None))

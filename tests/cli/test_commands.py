@@ -105,6 +105,16 @@ def test_poses_prints_every_panel_and_cells_can_fold_apart(made: Path) -> None:
     assert "turned" in run("poses", "wing.design.json", "--fold", "1", cwd=made).stdout
 
 
+def test_report_takes_a_plan_from_a_pipe(made: Path, tmp_path: Path) -> None:
+    """Reproduced: it was read a second time for its digest, empty, and the run was told to be of another plan."""
+    words = f"{sys.executable} -m ori_deploy.cli report {made / 'run.mcap'} -o {tmp_path / 'page.html'}"
+    line = f"{words} --plan <(cat {made / 'wing.plan.json'})"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "Deployed with every latch confirmed" in (tmp_path / "page.html").read_text()
+
+
 def test_report_stands_alone(made: Path) -> None:
     assert run("report", "run.mcap", "-o", "alone.html", cwd=made).returncode == 0
     done = run("report", "run.mcap", "--design", "wing.design.json", "--plan", "wing.plan.json", cwd=made)
