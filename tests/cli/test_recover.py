@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +15,7 @@ import numpy as np
 import pytest
 
 from ori_deploy.actuators.resolve import ResolvedRig
-from ori_deploy.cli import journal, session
+from ori_deploy.cli import journal, recover, session
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import Clock
 from ori_deploy.motion import Plan
@@ -149,3 +154,79 @@ def test_a_device_has_a_journal_of_its_own_and_a_pseudo_terminal_none(
     link = tmp_path / "ttyDXL"
     link.symlink_to("/dev/pts/0")
     assert journal.default_path(servo_rig, servos, str(link)) is None
+
+
+def spawned(process: subprocess.Popen[str]) -> list[int]:
+    """Its worker, as soon as that has begun."""
+    listed = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while process.poll() is None:
+        pids = [int(pid) for pid in listed.read_text().split()]
+        found = [pid for pid in pids if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        if found:
+            return found
+        time.sleep(0.005)
+    raise AssertionError(process.communicate())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_all_of_it_while_its_worker_loads_is_one_line(
+    made: Path, tmp_path: Path, number: signal.Signals
+) -> None:
+    """Reproduced: the worker died of Ctrl-C, with a traceback, and that was another, with status 1."""
+    line = [sys.executable, "-m", "ori_deploy.cli", "recover", str(made / "w.plan.json"), "--rig", str(RIG)]
+    line += ["--design", str(made / "w.design.json")]
+    with subprocess.Popen(
+        line, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        spawned(process)
+        os.killpg(process.pid, number)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert errors.count("\n") == 1
+
+
+def test_a_worker_that_is_killed_is_told_in_one_line(made: Path, tmp_path: Path) -> None:
+    line = [sys.executable, "-m", "ori_deploy.cli", "recover", str(made / "w.plan.json"), "--rig", str(RIG)]
+    line += ["--design", str(made / "w.design.json")]
+    with subprocess.Popen(line, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        for pid in spawned(process):
+            os.kill(pid, signal.SIGKILL)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 3, errors
+    assert errors.startswith("error: the process that looks for a way has ended")
+    assert errors.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_worker_does_not_outlive_a_session_that_is_killed(made: Path, tmp_path: Path) -> None:
+    line = [sys.executable, "-m", "ori_deploy.cli", "recover", str(made / "w.plan.json"), "--rig", str(RIG)]
+    line += ["--design", str(made / "w.design.json"), "--realtime"]
+    with subprocess.Popen(
+        line, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        (worker,) = spawned(process)
+        process.kill()
+    until = time.monotonic() + 30.0
+    while Path(f"/proc/{worker}/cmdline").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{worker}/cmdline").exists()
+
+
+def test_the_way_is_looked_for_in_the_design_that_was_read(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What has the name of the design by then may be another's."""
+    design = tmp_path / "w.design.json"
+    design.write_bytes((made / "w.design.json").read_bytes())
+    compared = recover.load_design
+
+    def replaced(path: Path) -> Any:
+        read = compared(path)
+        design.write_text("no design")
+        return read
+
+    standing(monkeypatch, [0.2, 0.45, 0.3, 0.35])
+    monkeypatch.setattr(recover, "load_design", replaced)
+    done = run("recover", made / "w.plan.json", "--rig", RIG, "--design", design, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
