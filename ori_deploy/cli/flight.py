@@ -27,7 +27,7 @@ from ori_deploy.files import digest
 from ori_deploy.files.text import HeldFile
 from ori_deploy.motion import Plan
 from ori_deploy.telemetry.frames import plan_info
-from ori_deploy.telemetry.log import behind, kept_as
+from ori_deploy.telemetry.log import behind, kept_as, there
 from ori_deploy.telemetry.recorder import Recorder
 from ori_deploy.telemetry.taped import taped
 
@@ -51,10 +51,10 @@ def flight_recorder(
     if path is None:
         yield None
         return
-    if not path.name or (path.exists() and not path.is_file()):
+    if not path.name or (there(path) and not path.is_file()):
         raise FileError(f"{path}: the log has to be a file", limit="a regular file", remedy="choose another name")
     files = {PLAN_NAME: plan_file.data, RIG_NAME: rig_file.data}
-    if path.exists():
+    if there(path):
         click.echo(f"note: {path} is there already; it is kept as {kept_as(path)}", err=True)
     try:
         folder = behind(path).parent

@@ -11,7 +11,7 @@ from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli.journal import default_path
 from ori_deploy.errors import FileError
 from ori_deploy.files.text import HeldFile, read_bytes
-from ori_deploy.telemetry.log import kept_as
+from ori_deploy.telemetry.log import kept_as, there
 
 
 def held(path: Path) -> HeldFile:
@@ -79,7 +79,7 @@ def _one_file(a: Path, b: Path) -> bool:
     """Whether two names are one file, or would be if they were there."""
     if os.path.realpath(a) == os.path.realpath(b):  # unlike `resolve`, it has an answer for links in a circle, too
         return True
-    return a.exists() and b.exists() and a.samefile(b)
+    return there(a) and there(b) and a.samefile(b)
 
 
 def _written_as(path: Path, other: Path) -> bool:

@@ -45,7 +45,7 @@ def behind(path: Path) -> Path:
 
     Other names stay as they were given, which is how people are told of them.
     """
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
+    return Path(os.path.realpath(path)) if os.path.islink(path) else path  # noqa: PTH114  as `there`
 
 
 class ClosedAtEnd(ABC):
@@ -268,16 +268,21 @@ class LogWriter(ClosedAtEnd):
         return number
 
 
+def there(path: Path) -> bool:
+    """Whether there is such a file, as far as can be seen: unlike `Path.exists`, for names that cannot be, too."""
+    return os.path.exists(path)  # noqa: PTH110  as it says
+
+
 def keep_older(path: Path) -> None:
     """A log is evidence: one of the same name is kept under a numbered one."""
-    if path.exists():
+    if there(path):
         path.replace(kept_as(path))
 
 
 def kept_as(path: Path) -> Path:
     """The name under which a log that is there is kept when another of its name is finished."""
     path = behind(path)
-    return next(name for n in count(1) if not (name := path.with_stem(f"{path.stem}-{n}")).exists())
+    return next(name for n in count(1) if not there(name := path.with_stem(f"{path.stem}-{n}")))
 
 
 def _cycle_format(n_hinges: int) -> str:

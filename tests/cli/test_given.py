@@ -141,6 +141,33 @@ def test_names_of_their_own_are_taken(tmp_path: Path, monkeypatch: pytest.Monkey
         refuse_shared(log, Path(journal), rig, None, Path("rig.toml"))
 
 
+@pytest.mark.parametrize("journal", [None, "j"])
+def test_a_name_that_cannot_be_is_one_line(made: Path, tmp_path: Path, journal: str | None) -> None:
+    """Reproduced: `Path.exists` raises for it, and that was a traceback."""
+    words = ("deploy", made / "w.plan.json", "--rig", RIG, "--log", "l" * 300)
+    done = run(*words, *(() if journal is None else ("--journal", journal)), cwd=tmp_path)
+    assert done.returncode == 2
+    assert "the log cannot be written" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_folder_that_may_not_be_looked_into_is_told(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked = os.stat
+
+    def forbidden(path: Any, *given: Any, **named: Any) -> os.stat_result:
+        if str(path).startswith(str(tmp_path / "locked")):
+            raise PermissionError(13, "Permission denied", str(path))
+        return looked(path, *given, **named)
+
+    monkeypatch.setattr(os, "stat", forbidden)
+    log, journal = tmp_path / "locked" / "run.mcap", tmp_path / "locked" / "j"
+    done = run("deploy", made / "w.plan.json", "--rig", RIG, "--log", log, "--journal", journal, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: ")
+
+
 def test_the_default_journal_counts_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(given, "default_path", lambda *_: tmp_path / "state" / "rig.journal.json")
     rig = synthetic_rig(synthetic_plan(4))

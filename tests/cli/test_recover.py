@@ -18,6 +18,8 @@ from ori_deploy.actuators.resolve import ResolvedRig
 from ori_deploy.cli import journal, recover, session
 from ori_deploy.cli.session import StopRequest
 from ori_deploy.clock import Clock
+from ori_deploy.errors import FileError
+from ori_deploy.files import load_plan
 from ori_deploy.motion import Plan
 from sim_backends.mock import MockBus
 from tests.cli.inside import run
@@ -139,8 +141,6 @@ def test_speed_slows_the_motion_and_is_a_part_of_it(made: Path) -> None:
 def test_a_device_has_a_journal_of_its_own_and_a_pseudo_terminal_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: Path
 ) -> None:
-    from ori_deploy.files import load_plan
-
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     plan = load_plan(made / "w.plan.json")
     rig = session.rig_for(RIG, plan)
@@ -154,6 +154,16 @@ def test_a_device_has_a_journal_of_its_own_and_a_pseudo_terminal_none(
     link = tmp_path / "ttyDXL"
     link.symlink_to("/dev/pts/0")
     assert journal.default_path(servo_rig, servos, str(link)) is None
+
+
+def test_a_rig_from_a_pipe_wants_a_journal_by_name(tmp_path: Path, made: Path) -> None:
+    """Reproduced: it has another name each time, and so had its journal: nobody ever found the last word."""
+    servos = session.rig_for(EXAMPLES / "rig_wing_dynamixel.toml", load_plan(made / "w.plan.json"))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(FileError, match="no file") as caught:
+        journal.default_path(pipe, servos, "/dev/ttyUSB0")
+    assert "--journal" in str(caught.value.remedy)
 
 
 def spawned(process: subprocess.Popen[str]) -> list[int]:
