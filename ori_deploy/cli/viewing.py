@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from urllib.parse import urlsplit
 import click
 
 from ori_deploy.cli.frame import IN
+from ori_deploy.cli.starting import answer_interrupt
 from ori_deploy.errors import InputError
 from ori_deploy.files import load_plan
 from ori_deploy.page.listening import PORT, listening, own_host
@@ -187,7 +189,10 @@ def moved_on(wanted: int | None, address: str) -> str | None:
 def _stay(process: subprocess.Popen[bytes], stays: bool) -> None:
     if not stays or process.poll() is not None:
         return
-    click.echo("the page stays until Ctrl-C", err=True)
-    sys.stderr.flush()
     with suppress(KeyboardInterrupt):
+        # As is said next, and in the background too, where a shell has it ignored.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        click.echo("the page stays until Ctrl-C", err=True)
+        sys.stderr.flush()
+        answer_interrupt()
         process.wait()

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -181,3 +182,19 @@ def test_a_page_that_lingers_can_be_ended(made: Path, tmp_path: Path) -> None:
             while Path(f"/proc/{page}").exists() and time.monotonic() < gone:
                 time.sleep(0.05)
             assert not Path(f"/proc/{page}").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("begun", [signal.default_int_handler, signal.SIG_IGN])
+def test_a_page_that_stays_after_a_motion_ends_as_it_says(made: Path, tmp_path: Path, begun: Any) -> None:
+    """Reproduced: behind `&` a shell has interrupts ignored, and `kill -INT` did not end it."""
+    before = signal.signal(signal.SIGINT, begun)
+    try:
+        line = ("deploy", made / "wing.plan.json", "--rig", RIG, "--view", "--view-port", 0)
+        command = Command(*line, cwd=tmp_path)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with command as deployed:
+        deployed.said(r"(stays until Ctrl-C)")
+        deployed.process.send_signal(signal.SIGINT)
+        assert deployed.process.wait(20.0) == 0
