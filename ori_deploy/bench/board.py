@@ -52,6 +52,10 @@ class Board:
         mask = self.state().outputs_on
         return tuple(self.naming.hinge(k) for k in range(self.info.hinges) if mask >> k & 1)
 
+    def latches_engaged(self) -> tuple[str, ...]:
+        """Latches that are told to hold."""
+        return tuple(self.naming.latch(k) for k in _engaged(self))
+
 
 @contextmanager
 def board(
@@ -129,15 +133,19 @@ def release(found: Board, *, with_latches: bool) -> tuple[str, ...]:
 
 
 def _let_latches_go(found: Board) -> tuple[str, ...]:
-    latches = found.line.poll_patiently(dialect.ORI_POLL_LATCHES).latches
-    assert latches is not None
-    engaged = [k for k in range(found.info.latches) if latches.commanded >> k & 1]
+    engaged = _engaged(found)
     for k in engaged:
         what = f"{found.naming.latch(k)} is not released"
         ack = found.line.command(lambda token, k=k: LatchCommand(token, k, 0), what)  # type: ignore[misc]
         if ack.result != dialect.ORI_ACCEPTED:
             raise refusal(ack, what, found.naming.latch(k), found.naming)
     return tuple(found.naming.latch(k) for k in engaged)
+
+
+def _engaged(found: Board) -> list[int]:
+    latches = found.line.poll_patiently(dialect.ORI_POLL_LATCHES).latches
+    assert latches is not None
+    return [k for k in range(found.info.latches) if latches.commanded >> k & 1]
 
 
 def clear_fault(found: Board) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -106,8 +107,9 @@ def torque_off(
     """Turn every hinge off. What they hold up falls. Refused while anything moves."""
     with looked_up(port, rig_file, plan_file).opened() as found:
         on = found.hinges_on()
-        if on:
-            confirm(f"What {', '.join(on)} holds up falls, unless somebody holds it. Torque off?", yes=yes)
+        engaged = found.latches_engaged() if with_latches else ()
+        if on or engaged:
+            confirm(_what_falls(on, engaged), yes=yes)
         latches = release(found, with_latches=with_latches)
     if as_json:
         tell_json({"released": list(on), "latches": list(latches), "torque_on": False})
@@ -115,3 +117,11 @@ def torque_off(
     click.echo(f"off: {', '.join(on)}; the structure holds itself, or is held by hand" if on else "no hinge was on")
     if latches:
         click.echo(f"let go: {', '.join(latches)}")
+
+
+def _what_falls(on: Sequence[str], engaged: Sequence[str]) -> str:
+    """The question before it does."""
+    what = [f"what {', '.join(on)} holds up falls"] if on else []
+    what += [f"what {', '.join(engaged)} holds together comes apart"] if engaged else []
+    text = f"{', and '.join(what)}, unless somebody holds it. {'Torque off' if on else 'Let go'}?"
+    return text[0].upper() + text[1:]
