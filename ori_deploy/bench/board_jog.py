@@ -31,6 +31,10 @@ STEEPEST = 5.7735
 
 SHORTEST_S = 0.2
 SYNC_EXCHANGES = 20
+
+MOVED_RAD = 0.05
+"""A shaft that stands farther than that from where its way was told to begin is told of anew; about 3 degrees."""
+
 SILENT_CYCLES = 5
 REST_PATIENCE_S = 1.0
 
@@ -115,6 +119,24 @@ def plan_jog(
     duration = max(SHORTEST_S, PEAK * way / rate_rad_s, (STEEPEST * way / hinge.max_acceleration_rad_s2) ** 0.5)
     others = tuple(names[k] for k in range(len(names)) if k != index and state.outputs_on >> k & 1)
     return Jog(index, hinge, start, goal, duration, others)
+
+
+def plan_again(found: Board, wiring: McuWiring, jog: Jog, rate_rad_s: float) -> Jog:
+    """The way to the same goal from where the shaft is by now: it may have sunk a little since somebody was asked.
+
+    Raises
+    ------
+    CommandRefused
+        As `plan_jog`; or it was turned since, and the way would be another than the one that was told.
+    """
+    name = jog.hinge.name
+    again = plan_jog(found, wiring, name, rate_rad_s, by_rad=None, to_rad=jog.goal_rad)
+    if abs(again.start_rad - jog.start_rad) > MOVED_RAD:
+        raise CommandRefused(
+            f"{name} was turned since its way was told, from {jog.start_rad:.4f} to {again.start_rad:.4f} rad; "
+            f"limit: {MOVED_RAD:g} rad; remedy: hold the structure still, and say again where to"
+        )
+    return again
 
 
 def require_ready(found: Board) -> State:

@@ -12,7 +12,7 @@ import click
 from ori_deploy.actuators.mcu.records import config_hash, records
 from ori_deploy.actuators.mcu.startup import check_config, check_firmware
 from ori_deploy.bench.board import release
-from ori_deploy.bench.board_jog import Jog, Jogged, carry_out, plan_jog
+from ori_deploy.bench.board_jog import Jog, Jogged, carry_out, plan_again, plan_jog
 from ori_deploy.cli.bus_common import DIGITS, confirm, tell_json
 from ori_deploy.cli.frame import EXIT_INTERRUPTED, IN, Heeding, example
 from ori_deploy.cli.mcu_common import looked_up, place, where_options, wiring_of
@@ -56,7 +56,7 @@ def jog(
         check_config(found.info, config_hash(records(wiring)), found.line.port.path)
         move = plan_jog(found, wiring, actuator, rate_rad_s, by_rad=by_rad, to_rad=to_rad)
         confirm(_question(move), yes=yes)
-        move = plan_jog(found, wiring, actuator, rate_rad_s, by_rad=None, to_rad=move.goal_rad)  # it may have sunk
+        move = plan_again(found, wiring, move, rate_rad_s)
         with StopRequest() as stop:
             clock = MonotonicClock()
             done = carry_out(found, wiring, move, rate_hz, clock, lambda: stop.requested, release=let_go)

@@ -8,12 +8,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from click.testing import Result
 
 from ori_deploy.bench.board import Board
 from ori_deploy.cli import mcu_motion
 from tests.actuators.mcu.setups import electromagnet, wiring
 from tests.bench.test_board_jog import Setup
-from tests.cli.virtual import command, document
+from tests.cli.virtual import command, document, is_one_line
 
 
 @pytest.fixture
@@ -29,7 +30,34 @@ def one(monkeypatch: pytest.MonkeyPatch) -> Setup:
         return SimpleNamespace(opened=opened)
 
     monkeypatch.setattr(mcu_motion, "looked_up", found)
+    monkeypatch.setattr(mcu_motion, "place", found)
+    monkeypatch.setattr(mcu_motion, "wiring_of", lambda *_: (setup.wiring, 50.0))
+    monkeypatch.setattr(mcu_motion, "MonotonicClock", lambda: setup.clock)
     return setup
+
+
+def jog(*words: object, **more: Any) -> Result:
+    """A command that reads its files from a folder where any will do."""
+    return command("mcu", "jog", __file__, "--plan", __file__, *words, **more)
+
+
+@pytest.mark.parametrize(("turned_rad", "goes"), [(0.04, True), (-0.04, True), (0.06, False), (-1.5, False)])
+def test_the_way_that_was_asked_about_is_the_way_that_is_gone(
+    one: Setup, monkeypatch: pytest.MonkeyPatch, turned_rad: float, goes: bool
+) -> None:
+    def turned_meanwhile(*_: Any, **__: Any) -> None:
+        one.device.measured[1] = round(1e6 * turned_rad)
+
+    monkeypatch.setattr(mcu_motion, "confirm", turned_meanwhile)
+    done = jog("b", "--by", 0.1)
+    if goes:
+        assert done.exit_code == 0, done.output
+        assert one.device.asked[1] == 100_000
+        return
+    assert done.exit_code == 3
+    is_one_line(done, "b was turned since its way was told", "limit: 0.05 rad", "remedy: ")
+    assert one.device.outputs_on == 0
+    assert not one.device.taken
 
 
 @pytest.mark.parametrize("answer", ["n\n", ""])
