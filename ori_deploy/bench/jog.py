@@ -11,7 +11,7 @@ from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import read, velocity_units
 from ori_deploy.actuators.dynamixel.wiring import MAX_TURNS, RAD_PER_COUNT
 from ori_deploy.bench.guarded import Guarded, NotReached, count_of, require_no_error
-from ori_deploy.bench.meaning import TIME_BASED
+from ori_deploy.bench.meaning import meaning
 from ori_deploy.bench.servos import Snapshot, known_model
 from ori_deploy.clock import Clock
 from ori_deploy.wire.dynamixel import OperatingMode, ServoModel
@@ -107,16 +107,18 @@ def plan_move(
     Raises
     ------
     CommandRefused
-        The servo is not in a mode with a position goal, has a hardware error or a time-based profile, cannot go
-        so slowly or so fast, or the goal or where it stands is beyond its limits.
+        The servo is not in a mode with a position goal, has a hardware error or a drive mode other than 0,
+        cannot go so slowly or so fast, or the goal or where it stands is beyond its limits.
     """
     model = known_model(pong)
     table = model.table
     require_no_error(line, pong)
-    if read(line, pong.id, table.drive_mode) & TIME_BASED:
+    drive_mode = read(line, pong.id, table.drive_mode)
+    if drive_mode:
+        words = meaning(model, table.drive_mode, drive_mode).words
         raise CommandRefused(
-            f"servo {pong.id}: drive_mode has the time-based profile; limit: velocity-based, so that the speed is "
-            "known; remedy: set drive_mode to 0 with DYNAMIXEL Wizard"
+            f"servo {pong.id}: drive_mode is {drive_mode}: {words}; limit: 0, as deploy sets it, so that sense and "
+            "speed are known; remedy: set drive_mode to 0 with DYNAMIXEL Wizard"
         )
     speed = require_speed(line, pong, speed_rad_s)
     low, high = _range(line, pong, model)

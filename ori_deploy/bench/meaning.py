@@ -112,7 +112,10 @@ def _words(name: str, value: int) -> str:
     if name == "torque_enable":
         return "on" if value else "off"
     if name == "drive_mode":
-        bits = ((0x01, "reversed"), (TIME_BASED, "time-based profile"), (0x08, "a goal turns torque on"))
+        bits = (
+            (0x01, "reversed"), (0x02, "follows another servo"), (TIME_BASED, "time-based profile"),
+            (0x08, "a goal turns torque on"),
+        )  # fmt: skip
         return ", ".join(text for bit, text in bits if value & bit) or "normal, velocity-based profile"
     if name == "status_return_level":
         return {0: "answers pings only", 1: "answers pings and reads", 2: "answers everything"}.get(value, "unknown")

@@ -87,3 +87,17 @@ def test_a_servo_goes_no_faster_than_it_is_set_to() -> None:
         assert plan_move(bench.line, bench.pong(), math.radians(50 * STEP_DEG_S)).speed_rad_s > 0.0
         with pytest.raises(CommandRefused, match=r"--speed 200 deg/s; limit: .* to 68\.7 deg/s, its velocity_limit"):
             plan_move(bench.line, bench.pong(), math.radians(200.0))
+
+
+@pytest.mark.parametrize(
+    ("drive_mode", "words"),
+    [(1, "reversed"), (4, "time-based profile"), (8, "a goal turns torque on"), (5, "reversed, time-based profile")],
+)
+def test_only_the_sense_and_speed_that_a_motion_has_are_jogged_in(drive_mode: int, words: str) -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        bench.servo().put(bench.servo().table.drive_mode, drive_mode)
+        with pytest.raises(
+            CommandRefused, match=rf"servo 1: drive_mode is {drive_mode}: {words}; limit: 0.*remedy: "
+        ):
+            plan_move(bench.line, bench.pong(), 1.0, by_rad=0.1)
+        assert not bench.torque_on()
