@@ -130,15 +130,39 @@ def find_all(line: ServoLine, bauds: Sequence[int]) -> tuple[Pong, ...]:
         An id answers with damage only: what is meant for all would not reach it for certain.
     """
     for baud in bauds:
-        found = census(line, baud)
-        if found.damaged:
+        found = everybody(line, baud)
+        if found:
+            return found
+    raise nobody(line, bauds)
+
+
+def everybody(line: ServoLine, baud: int) -> tuple[Pong, ...]:
+    """Who answers at a rate, asked more than once: an answer that is lost leaves no trace in a broadcast.
+
+    Raises
+    ------
+    BusClosed
+        As `census`.
+    CommandRefused
+        As `find_all`.
+    """
+    found: dict[int, Pong] = {}
+    for asked in range(ATTEMPTS):
+        if asked > 1 and not found:
+            break  # silent twice; the last time is for those whose neighbours answer
+        one = census(line, baud)
+        if one.damaged:
             raise CommandRefused(
-                f"id {found.damaged[0]} answers with damage only at {baud} baud: two servos with one id, or bad "
+                f"id {one.damaged[0]} answers with damage only at {baud} baud: two servos with one id, or bad "
                 "wiring; remedy: ori-deploy doctor finds out; give ids instead of all to go on without it"
             )
-        if found.pongs:
-            return found.pongs
-    raise BusTimeout(
+        found |= {pong.id: pong for pong in one.pongs}
+    return tuple(found[i] for i in sorted(found))
+
+
+def nobody(line: ServoLine, bauds: Sequence[int]) -> BusTimeout:
+    """What to raise when there is nobody at any rate."""
+    return BusTimeout(
         f"nobody answers on {line.port.path}; limit: tried {', '.join(map(str, bauds))} baud; "
         "remedy: check power and wiring; ori-deploy bus scan tries every usual rate"
     )
@@ -355,14 +379,9 @@ def set_baud(line: ServoLine, pongs: Sequence[Pong], new: int) -> tuple[Pong, ..
 
 def _require_rate(line: ServoLine, new: int) -> None:
     """Try a rate on the adapter: a servo at one that it does not make would be out of reach."""
-    old, why = line.port.getBaudRate(), None
+    old = line.port.getBaudRate()
     try:
-        line.port.setBaudRate(new)
-        made = line.port.made_baud()
-        if made is not None and abs(made - new) > RATE_TOLERANCE * new:
-            why = f"the adapter makes {made}"
-    except BusClosed as wrong:
-        why = str(wrong)
+        why = set_rate(line, new)
     finally:
         line.port.setBaudRate(old)
     if why is not None:
@@ -370,6 +389,24 @@ def _require_rate(line: ServoLine, new: int) -> None:
             f"no servo was set to {new} baud, where {line.port.path} could not follow: {why}; "
             f"limit: within {100.0 * RATE_TOLERANCE:.0f} %; remedy: choose another rate, or another adapter"
         )
+
+
+def set_rate(line: ServoLine, baud: int) -> str | None:
+    """Set the adapter to a rate. Why it does not make it; None if it does.
+
+    Raises
+    ------
+    BusClosed
+        The port is gone.
+    """
+    try:
+        line.port.setBaudRate(baud)
+        made = line.port.made_baud()
+    except BusClosed as wrong:
+        line.port.check()
+        return str(wrong)
+    off = made is not None and abs(made - baud) > RATE_TOLERANCE * baud
+    return f"the adapter makes {made}" if off else None
 
 
 def _set_baud(line: ServoLine, pong: Pong, new: int, changed: Sequence[Pong]) -> None:
@@ -423,16 +460,26 @@ def torque_off(line: ServoLine, pongs: Sequence[Pong]) -> None:
     BusError
         Some did not confirm; the message names them. All others are limp.
     """
+    with begun():
+        require_all_limp([str(servo_id) for servo_id in let_go(line, pongs)])
+
+
+def let_go(line: ServoLine, pongs: Sequence[Pong]) -> tuple[int, ...]:
+    """As `torque_off`, and return the ids of those that did not confirm it."""
     tables = {pong.id: known_model(pong).table for pong in pongs}
     first = known_model(pongs[0]).table.torque_enable
     with begun():
         line.sync_write(first.address, first.size, dict.fromkeys(tables, first.encode(0)))
-        holding = [i for i, table in tables.items() if not _confirms(line, i, table.torque_enable)]
-        if holding:
-            raise CommandRefused(
-                f"servo {', '.join(map(str, holding))} does not confirm that torque is off; "
-                "remedy: take hold of the structure and switch the supply off"
-            )
+        return tuple(i for i, table in tables.items() if not _confirms(line, i, table.torque_enable))
+
+
+def require_all_limp(holding: Sequence[str]) -> None:
+    """Raise `CommandRefused` when there are servos that did not confirm that torque is off."""
+    if holding:
+        raise CommandRefused(
+            f"servo {', '.join(holding)} does not confirm that torque is off; "
+            "remedy: take hold of the structure and switch the supply off"
+        )
 
 
 def _confirms(line: ServoLine, servo_id: int, register: Register) -> bool:

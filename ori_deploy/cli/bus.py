@@ -8,6 +8,7 @@ import click
 
 from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
 from ori_deploy.actuators.dynamixel.startup import read
+from ori_deploy.bench.every_rate import Found, find_at_every_rate, torque_off_at_every_rate
 from ori_deploy.bench.meaning import Meaning, error_words
 from ori_deploy.bench.restart import Reset, errors_of, reset_error
 from ori_deploy.bench.servos import (
@@ -24,6 +25,7 @@ from ori_deploy.cli.bus_calibrate import calibrate
 from ori_deploy.cli.bus_common import (
     DIGITS,
     ID,
+    Place,
     columns,
     confirm,
     model_name,
@@ -35,7 +37,7 @@ from ori_deploy.cli.bus_common import (
 )
 from ori_deploy.cli.bus_jog import jog
 from ori_deploy.cli.bus_monitor import monitor
-from ori_deploy.cli.frame import Commands, Heeding, example, warn
+from ori_deploy.cli.frame import Commands, Heeding, example, nothing_moved, warn
 from ori_deploy.clock import MonotonicClock
 from ori_deploy.errors import begun
 from ori_deploy.wire.dynamixel import BAUD_CODES
@@ -171,7 +173,7 @@ def set_baud_command(
     """Set the rate of one servo, or of all, to BAUD. Torque has to be off."""
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pongs = set_baud(line, where.some(line, which), new)
+        pongs = set_baud(line, _some(where, line, which), new)
     if as_json:
         tell_json({"baud": new, "servos": [pong_json(pong, new) for pong in pongs]})
     else:
@@ -189,7 +191,7 @@ def reset_error_command(
     """Restart a servo, or all that report an error, which clears hardware errors. It is limp afterwards."""
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pongs = where.some(line, which)
+        pongs = _some(where, line, which)
         if which is None:
             pongs = tuple(pong for pong in pongs if errors_of(line, pong))
         holding = tuple(pong for pong in pongs if _holds(line, pong))
@@ -235,13 +237,42 @@ def torque_off_command(
     """Let one servo, or all, go limp. What they hold up falls."""
     where = place(port, baud, rig_file)
     with where.opened() as line:
-        pongs = where.some(line, which)
+        found = _at_every_rate(where, line) if which is None and len(where.bauds) > 1 else None
+        pongs = where.some(line, which) if found is None else found.pongs
         confirm(f"Servo {_ids(pongs)} goes limp, and with it what it holds up. Torque off?", yes=yes)
-        torque_off(line, pongs)
+        if found is None:
+            torque_off(line, pongs)
+        else:
+            torque_off_at_every_rate(line, found)
     if as_json:
         tell_json({"ids": [pong.id for pong in pongs], "torque_on": False})
     else:
         click.echo(f"limp: servo {_ids(pongs)}; the structure holds itself, or is held by hand")
+
+
+def _at_every_rate(where: Place, line: ServoLine) -> Found:
+    """All servos, whatever their rate: one that was not asked would hold, and all be called limp."""
+    with nothing_moved():
+        found = find_at_every_rate(line, where.bauds)
+    if found.unasked:
+        warn(
+            f"not asked: servos at {', '.join(map(str, found.unasked))} baud, which the adapter does not make; "
+            "such a servo goes on holding"
+        )
+    return found
+
+
+def _some(where: Place, line: ServoLine, which: int | None) -> tuple[Pong, ...]:
+    """As `Place.some`; of all, those at the first rate at which somebody answers, and a warning of that."""
+    pongs = where.some(line, which)
+    rate = line.port.getBaudRate()
+    others = where.bauds[where.bauds.index(rate) + 1 :] if which is None else ()
+    if others:
+        warn(
+            f"all is all at {rate} baud; servos at {', '.join(map(str, others))} baud were not asked; "
+            "remedy: ori-deploy bus scan shows whether there are any, --baud reaches them"
+        )
+    return pongs
 
 
 def _ids(pongs: tuple[Pong, ...]) -> str:

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 from serial.tools import list_ports
 
+from ori_deploy.actuators.dynamixel import line
 from ori_deploy.bench.servos import USUAL_BAUDS
 from ori_deploy.cli.bus import bus as group
 from sim_backends.dynamixel_bus import ServoSpec, VirtualBus
@@ -271,6 +272,25 @@ def test_torque_off_asks_tells_what_follows_and_verifies(tmp_path: Path) -> None
         assert bus_command("torque-off", bus, 1, answer="y\n").exit_code == 0
         assert [servo.torque_on for servo in bus.truth().values()] == [False, True]
         told = document(bus_command("torque-off", bus, "all", "--yes", "--json"))
+        assert told == {"ids": [1, 2], "torque_on": False}
+        assert not any(servo.torque_on for servo in bus.truth().values())
+
+
+def test_torque_off_of_all_is_of_all_rates_and_other_commands_say_which_they_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(line, "PING_SLOT_S", 0.5e-3)
+    with virtual_bus(tmp_path, ServoSpec(id=1, baud=57_600), ServoSpec(id=2)) as bus:
+        bus_command("jog", bus, 1, "--by", 0, "--hold", baud=57_600)
+        hold(bus, 2)
+        left_out = command("bus", "reset-error", "all", "--port", bus.link)
+        assert left_out.exit_code == 0
+        assert "warning: all is all at 57600 baud; servos at 1000000, 2000000" in left_out.stderr
+        asked = command("bus", "torque-off", "all", "--port", bus.link, answer="n\n")
+        assert asked.exit_code == 3
+        assert "Servo 1, 2 goes limp" in asked.stderr
+        assert all(servo.torque_on for servo in bus.truth().values())
+        told = document(command("bus", "torque-off", "all", "--port", bus.link, "--yes", "--json"))
         assert told == {"ids": [1, 2], "torque_on": False}
         assert not any(servo.torque_on for servo in bus.truth().values())
 
