@@ -38,7 +38,7 @@ class Guarded:
 
     On the way out the watchdog is off, the torque as it was found, and every register that was set holds what
     it held before. After an exception the servo is stopped where it is first. Nobody's word for its turns is given
-    back: whoever changes its mode makes it forget them.
+    back: whoever changes its mode makes it forget them. An interrupt on the way out waits for its end.
 
     Parameters
     ----------
@@ -76,6 +76,7 @@ class Guarded:
         self.has_watchdog = pong.firmware >= WATCHDOG_FIRMWARE
         self._pong, self._keep_holding, self._forgets = pong, keep_holding, forgets
         self.held_before = self._holding = self._begun = False
+        self._interrupted = False
         self._found: dict[Register, int] = {}
 
     def __enter__(self) -> Self:
@@ -105,6 +106,8 @@ class Guarded:
                 f"{before}servo {self.id} could not be put back: {', '.join(wrong)}; "
                 "remedy: see to its power and wiring, then set these"
             ) from error
+        if self._interrupted:
+            raise KeyboardInterrupt
 
     # -- registers -----------------------------------------------------------------------------------
 
@@ -227,12 +230,15 @@ class Guarded:
         self.write(self.table.torque_enable, 0)
         self._holding = False
 
-    @staticmethod
-    def _try(what: Callable[[], None], otherwise: str, wrong: list[str]) -> None:
-        """Go on with the rest when one step fails, and remember it."""
+    def _try(self, what: Callable[[], None], otherwise: str, wrong: list[str]) -> None:
+        """Go on with the rest when one step fails, and remember it; one that is interrupted is done again."""
         try:
-            what()
-        except BusError:
+            try:
+                what()
+            except KeyboardInterrupt:
+                self._interrupted = True
+                what()
+        except (BusError, KeyboardInterrupt):
             wrong.append(otherwise)
 
 

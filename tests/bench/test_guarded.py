@@ -1,0 +1,83 @@
+"""A servo that was under torque is put back as it was, whatever happens meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from ori_deploy.actuators.dynamixel import line as lines
+from ori_deploy.actuators.dynamixel.line import ServoLine
+from ori_deploy.bench.guarded import Guarded, NotRestored
+from ori_deploy.wire.dynamixel import Register
+from sim_backends.dynamixel.spec import ServoSpec
+from tests.bench.servos import Bench
+
+
+@pytest.fixture
+def interrupt(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, int], None]:
+    """Have writes of a register interrupted, so many of them."""
+    write = ServoLine.write
+
+    def begin(name: str, times: int) -> None:
+        left = [times]
+
+        def interrupted(line: ServoLine, servo_id: int, register: Register, value: int) -> None:
+            if register.name == name and left[0]:
+                left[0] -= 1
+                raise KeyboardInterrupt
+            write(line, servo_id, register, value)
+
+        monkeypatch.setattr(lines.ServoLine, "write", interrupted)
+
+    return begin
+
+
+def under_torque(bench: Bench, then: Callable[[Guarded], None]) -> None:
+    """A servo that goes slower than before and holds, and what is done with it."""
+    with Guarded(bench.line, bench.pong(), bench.clock) as servo:
+        servo.set(servo.table.profile_velocity, 17)
+        servo.hold()
+        then(servo)
+
+
+STEPS = ("goal_position", "torque_enable", "bus_watchdog", "profile_velocity")
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("ended_by", [KeyboardInterrupt, ValueError])
+def test_an_interrupt_on_the_way_out_skips_nothing(
+    interrupt: Callable[[str, int], None], step: str, ended_by: type[BaseException]
+) -> None:
+    def end(_: Guarded) -> None:
+        interrupt(step, 1)
+        raise ended_by
+
+    with Bench(ServoSpec(id=1)) as bench:
+        with pytest.raises(KeyboardInterrupt):
+            under_torque(bench, end)
+        assert not bench.torque_on()
+        assert (bench.register("bus_watchdog"), bench.register("profile_velocity")) == (0, 0)
+
+
+def test_an_interrupt_at_the_end_of_what_went_well_ends_the_program_all_the_same(
+    interrupt: Callable[[str, int], None],
+) -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        with pytest.raises(KeyboardInterrupt):
+            under_torque(bench, lambda _: interrupt("torque_enable", 1))
+        assert not bench.torque_on()
+        assert (bench.register("bus_watchdog"), bench.register("profile_velocity")) == (0, 0)
+
+
+def test_a_step_that_is_interrupted_twice_is_told_and_the_others_are_done(
+    interrupt: Callable[[str, int], None],
+) -> None:
+    def end(_: Guarded) -> None:
+        interrupt("torque_enable", 2)
+        raise KeyboardInterrupt
+
+    with Bench(ServoSpec(id=1)) as bench:
+        with pytest.raises(NotRestored, match="servo 1 could not be put back: torque may be on; remedy: "):
+            under_torque(bench, end)
+        assert (bench.register("bus_watchdog"), bench.register("profile_velocity")) == (0, 0)
