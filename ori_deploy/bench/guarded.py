@@ -14,7 +14,7 @@ from ori_deploy.bench.meaning import error_words
 from ori_deploy.bench.servos import Snapshot, known_model, snapshot
 from ori_deploy.clock import Clock
 from ori_deploy.errors import OriDeployError
-from ori_deploy.wire.dynamixel import Register
+from ori_deploy.wire.dynamixel import OperatingMode, Register
 from ori_deploy.wire.dynamixel.models import WATCHDOG_FIRMWARE
 from ori_deploy.wire.dynamixel.registers import CENTRE_COUNT, WATCHDOG_UNIT_S
 
@@ -77,10 +77,13 @@ class Guarded:
         self._pong, self._keep_holding, self._forgets = pong, keep_holding, forgets
         self.held_before = self._holding = self._begun = False
         self._interrupted = False
+        self._goals: tuple[int, int] | None = None  # least and most; locked while torque is on, so read once
         self._found: dict[Register, int] = {}
 
     def __enter__(self) -> Self:
         self.held_before = self._holding = bool(self.read(self.table.torque_enable))
+        if self._holding:
+            self._goals = self._goal_limits()
         self._clear_trip()
         return self
 
@@ -149,6 +152,7 @@ class Guarded:
         here = self.read(self.table.present_position)
         if not self._holding:
             require_no_error(self.line, self._pong)
+            self._goals = self._goal_limits()
             self.write(self.table.goal_position, here)
             kept = self.read(self.table.goal_position)
             if kept != here:
@@ -171,9 +175,9 @@ class Guarded:
         self.write(self.table.goal_position, count)
 
     def stop(self) -> None:
-        """Make where it is its goal."""
+        """Make where it is its goal, or the nearest goal that it takes."""
         if not self._clear_trip():
-            self.write(self.table.goal_position, self.read(self.table.present_position))
+            self.write(self.table.goal_position, self._stands())
 
     def look(self) -> Snapshot:
         """How it is doing, one cycle after the last look.
@@ -203,10 +207,22 @@ class Guarded:
         """Wake a servo that its watchdog has stopped, to stay where it is; until then it takes no goals."""
         if not self.has_watchdog or self.read(self.table.bus_watchdog) >= 0:
             return False
-        stands = self.read(self.table.present_position)
+        stands = self._stands()
         self.write(self.table.bus_watchdog, 0)
-        self.write(self.table.goal_position, stands)
+        if self._holding:  # a limp one gets its goal when it takes hold
+            self.write(self.table.goal_position, stands)
         return True
+
+    def _stands(self) -> int:
+        """Where it is; a shaft may stand a little beyond the limits of goals."""
+        here = self.read(self.table.present_position)
+        return here if self._goals is None else min(max(here, self._goals[0]), self._goals[1])
+
+    def _goal_limits(self) -> tuple[int, int] | None:
+        """Least and most goal; None in a mode in which they bound nothing."""
+        if self.read(self.table.operating_mode) != OperatingMode.POSITION:
+            return None
+        return self.read(self.table.min_position_limit), self.read(self.table.max_position_limit)
 
     def _put(self, register: Register, value: int) -> None:
         if self.read(register) == value:

@@ -81,3 +81,40 @@ def test_a_step_that_is_interrupted_twice_is_told_and_the_others_are_done(
         with pytest.raises(NotRestored, match="servo 1 could not be put back: torque may be on; remedy: "):
             under_torque(bench, end)
         assert (bench.register("bus_watchdog"), bench.register("profile_velocity")) == (0, 0)
+
+
+LIMIT = 2_100
+"""Of goals, in counts; these servos stand at 2700."""
+
+
+def beyond_its_limit(*, holds: bool, tripped: bool) -> Bench:
+    bench = Bench(ServoSpec(id=1, start_rad=1.0))
+    servo = bench.servo()
+    if holds:
+        servo.write(servo.table.goal_position.address, bench.register("goal_position").to_bytes(4, "little"))
+        servo.write(servo.table.torque_enable.address, b"\1")
+    servo.put(servo.table.max_position_limit, LIMIT)
+    if tripped:
+        servo.trip()
+    return bench
+
+
+def test_a_limp_servo_whose_watchdog_tripped_is_given_no_goal() -> None:
+    with beyond_its_limit(holds=False, tripped=True) as bench:
+        goal = bench.register("goal_position")
+        with Guarded(bench.line, bench.pong(), bench.clock):
+            assert bench.register("bus_watchdog") == 0
+        assert bench.register("goal_position") == goal
+
+
+@pytest.mark.parametrize("tripped", [False, True])
+def test_a_servo_that_holds_beyond_its_limit_is_stopped_at_it(tripped: bool) -> None:
+    def end(servo: Guarded) -> None:
+        if tripped:
+            bench.servo().trip()
+        servo.stop()
+
+    with beyond_its_limit(holds=True, tripped=tripped) as bench:
+        under_torque(bench, end)
+        assert bench.register("goal_position") == LIMIT
+        assert (bench.torque_on(), bench.register("bus_watchdog")) == (True, 0)
