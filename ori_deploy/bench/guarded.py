@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from ori_deploy.actuators.bus import ActuatorFault, BusError, CommandRefused
-from ori_deploy.actuators.dynamixel.line import Pong, ServoLine
+from ori_deploy.actuators.dynamixel.line import Pong, ServoLine, ServoRefused
 from ori_deploy.actuators.dynamixel.startup import MARK_ADDRESS, mark_of, read, write
 from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT
 from ori_deploy.bench.meaning import error_words
@@ -170,9 +170,13 @@ class Guarded:
         return here
 
     def aim(self, count: int) -> None:
-        """Send it to a position, in counts. Raises as `startup.write`."""
+        """Send it to a position, in counts. Raises as `startup.write`, or `NotReached` as `look`."""
         self._begun = True
-        self.write(self.table.goal_position, count)
+        try:
+            self.write(self.table.goal_position, count)
+        except ServoRefused:
+            self._require_no_trip()  # which refuses every goal
+            raise
 
     def stop(self) -> None:
         """Make where it is its goal, or the nearest goal that it takes."""
@@ -186,6 +190,8 @@ class Guarded:
         ------
         ActuatorFault
             It reports a hardware error, or has lost its torque.
+        NotReached
+            Its watchdog has stopped it.
         BusTimeout
             It does not answer believably.
         """
@@ -199,7 +205,15 @@ class Guarded:
             )
         if self._holding and not seen.torque_on:
             raise ActuatorFault(f"servo {self.id}", "lost its torque; remedy: check its supply")
+        self._require_no_trip()
         return seen
+
+    def _require_no_trip(self) -> None:
+        if self._holding and self.has_watchdog and self.read(self.table.bus_watchdog) < 0:
+            raise NotReached(
+                f"servo {self.id} stopped: it heard nothing from this program; limit: {WATCHDOG_S:g} s; "
+                "remedy: see what kept this computer busy, or the line, then try again"
+            )
 
     # -- inside --------------------------------------------------------------------------------------
 

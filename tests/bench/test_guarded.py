@@ -7,8 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from ori_deploy.actuators.dynamixel import line as lines
-from ori_deploy.actuators.dynamixel.line import ServoLine
-from ori_deploy.bench.guarded import Guarded, NotRestored
+from ori_deploy.actuators.dynamixel.line import ServoLine, ServoRefused
+from ori_deploy.bench.guarded import Guarded, NotReached, NotRestored
+from ori_deploy.bench.jog import carry_out, plan_move
 from ori_deploy.wire.dynamixel import Register
 from sim_backends.dynamixel.spec import ServoSpec
 from tests.bench.servos import Bench
@@ -118,3 +119,36 @@ def test_a_servo_that_holds_beyond_its_limit_is_stopped_at_it(tripped: bool) -> 
         under_torque(bench, end)
         assert bench.register("goal_position") == LIMIT
         assert (bench.torque_on(), bench.register("bus_watchdog")) == (True, 0)
+
+
+def test_a_servo_that_its_watchdog_stopped_is_not_waited_for() -> None:
+    with Bench(ServoSpec(id=1)) as bench:
+        move = plan_move(bench.line, bench.pong(), 1.0, by_rad=1.0)
+
+        def busy_once() -> bool:
+            if bench.shaft_rad() > 0.2 and not bench.bus.motors.frozen[0]:
+                bench.clock.sleep_until(bench.clock.now() + 1.2)
+            return False
+
+        began = bench.clock.now()
+        with pytest.raises(NotReached, match=r"servo 1 stopped: it heard nothing .*limit: 1 s; remedy: .*try again"):
+            carry_out(bench.line, move, bench.clock, busy_once)
+        assert bench.clock.now() - began < 3.0
+        assert not bench.torque_on()
+        assert bench.register("bus_watchdog") == 0
+
+
+def test_a_goal_that_comes_after_the_watchdog_is_told_as_that() -> None:
+    def late(servo: Guarded) -> None:
+        bench.clock.sleep_until(bench.clock.now() + 1.2)
+        servo.aim(2_100)
+
+    with Bench(ServoSpec(id=1)) as bench:
+        with pytest.raises(NotReached, match="servo 1 stopped: it heard nothing"):
+            under_torque(bench, late)
+        assert not bench.torque_on()
+
+
+def test_a_goal_that_is_refused_for_itself_is_told_as_that() -> None:
+    with Bench(ServoSpec(id=1)) as bench, pytest.raises(ServoRefused, match="goal_position = 5000"):
+        under_torque(bench, lambda servo: servo.aim(5_000))
