@@ -22,7 +22,7 @@ from ori_deploy.bench.calibration import (
     knows_turns,
     zero_at,
 )
-from ori_deploy.bench.guarded import CYCLE_S, Guarded, count_of, require_no_error
+from ori_deploy.bench.guarded import Guarded, count_of, require_no_error
 from ori_deploy.bench.jog import require_speed
 from ori_deploy.bench.meaning import PWM_FULL
 from ori_deploy.bench.servos import Snapshot, known_model
@@ -227,7 +227,7 @@ class _Walk:
         """Go on until the hinge stands against its stop, which it has met at these places before."""
         servo, speed = self._servo, self._limits.speed_rad_s
         seen = servo.look()
-        goal = seen.position_rad
+        goal, aimed = seen.position_rad, servo.clock.now()
         # A stop that is not reached shows as a hinge that goes too far, or as one that gets nowhere.
         deadline = servo.clock.now() + 2.0 * self._farthest / speed + 5.0
         while not detector.at_stop(servo.clock.now(), seen.position_rad, _effort(seen)):
@@ -241,7 +241,8 @@ class _Walk:
                     "remedy: give --current more, or less where it holds its own weight"
                 )
             _require_health(self.name, seen, self._hottest, self._limits.min_voltage_v)
-            goal += self._towards * speed * CYCLE_S
+            now = servo.clock.now()  # a round is as long as the line makes it
+            goal, aimed = goal + self._towards * speed * (now - aimed), now
             goal = min(max(goal, seen.position_rad - LEAD_RAD), seen.position_rad + LEAD_RAD)
             servo.aim(count_of(goal))
             seen = servo.look()

@@ -14,6 +14,7 @@ from ori_deploy.actuators.dynamixel.wiring import RAD_PER_COUNT, HingeServo
 from ori_deploy.bench.calibration import LEAD_RAD, HingeZero, NotCalibrated, Zero, held_zero
 from ori_deploy.bench.walk import Limits, stop_zero
 from ori_deploy.wire.dynamixel import OperatingMode, model_named
+from sim_backends.dynamixel.packets import Instruction
 from sim_backends.dynamixel.spec import ServoSpec
 from tests.bench.servos import Bench
 
@@ -212,6 +213,19 @@ def test_a_stop_is_compared_with_what_the_old_zero_has(off_rad: float) -> None:
     with several_turns() as bench:
         zero = by_stop(bench, hinge(old_zero_rad=STOP_RAD + off_rad))
     assert zero.short_rad == pytest.approx(off_rad, abs=0.01)
+
+
+def test_a_slow_line_makes_no_slow_walk() -> None:
+    def late(_: Instruction) -> bool:
+        bench.clock.sleep_until(bench.clock.now() + 0.016)
+        return True
+
+    with several_turns(start_rad=2.0) as bench:
+        bench._hears = late
+        began = bench.clock.now()
+        slow = replace(LIMITS, speed_rad_s=0.2)
+        stop_zero(bench.line, bench.pong(), hinge(), slow, bench.clock, lambda: False)
+        assert bench.clock.now() - began < 1.5 * (STOP_RAD - 2.0) / 0.2 + 5.0
 
 
 def test_a_walk_that_is_faster_than_its_servo_is_refused_before_anything_is_set() -> None:
