@@ -162,8 +162,8 @@ def _limit_force(servo: Guarded, pong: Pong, limits: Limits) -> float:
     servo.remember(
         (
             table.operating_mode, table.profile_acceleration, table.profile_velocity, table.goal_pwm,
-            table.goal_current, table.position_p_gain, table.position_i_gain, table.position_d_gain,
-            table.feedforward_1st_gain, table.feedforward_2nd_gain,
+            table.goal_current, table.velocity_p_gain, table.velocity_i_gain, table.position_p_gain,
+            table.position_i_gain, table.position_d_gain, table.feedforward_1st_gain, table.feedforward_2nd_gain,
         )
     )  # fmt: skip
     effort = _force(servo.line, pong, limits)

@@ -215,6 +215,20 @@ def test_a_stop_is_compared_with_what_the_old_zero_has(off_rad: float) -> None:
     assert zero.short_rad == pytest.approx(off_rad, abs=0.01)
 
 
+def test_every_gain_that_a_change_of_mode_resets_is_put_back() -> None:
+    gains = [
+        register
+        for register in XM.table
+        if XM.table.velocity_i_gain.address <= register.address <= XM.table.feedforward_1st_gain.address
+    ]
+    assert len(gains) == 7
+    with several_turns() as bench:
+        for k, register in enumerate(gains):
+            bench.servo().put(register, 501 + k)
+        by_stop(bench, hinge())
+        assert [bench.register(register.name) for register in gains] == [501 + k for k in range(7)]
+
+
 def test_a_slow_line_makes_no_slow_walk() -> None:
     def late(_: Instruction) -> bool:
         bench.clock.sleep_until(bench.clock.now() + 0.016)
