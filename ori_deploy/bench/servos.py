@@ -190,7 +190,7 @@ MAIN_REGISTERS = (
 
 
 def registers(line: ServoLine, pong: Pong, *, everything: bool) -> tuple[Meaning, ...]:
-    """Registers of a servo and what they mean, by address.
+    """Registers of a servo and what they mean, by address. Those that its firmware does not have are left out.
 
     Parameters
     ----------
@@ -205,9 +205,11 @@ def registers(line: ServoLine, pong: Pong, *, everything: bool) -> tuple[Meaning
     model = known_model(pong)
     time_based = bool(read(line, pong.id, model.table.drive_mode) & TIME_BASED)
     wanted = [register for register in model.table if everything or register.name in MAIN_REGISTERS]
-    return tuple(
-        meaning(model, register, read(line, pong.id, register), time_based=time_based) for register in wanted
-    )
+    found = []
+    for register in wanted:
+        with suppress(ServoRefused):
+            found.append(meaning(model, register, read(line, pong.id, register), time_based=time_based))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,12 @@ from hypothesis import strategies as st
 from ori_deploy.actuators.bus import BusTimeout, CommandRefused, CorruptReply
 from ori_deploy.actuators.dynamixel.line import Pong
 from ori_deploy.bench.meaning import error_words, meaning
-from ori_deploy.bench.servos import census, find, find_all, known_model, set_id, torque_off
+from ori_deploy.bench.servos import census, find, find_all, known_model, registers, set_id, torque_off
 from ori_deploy.wire.dynamixel import MODELS, model_named
+from sim_backends.dynamixel.servo import ACCESS, Refusal
+from sim_backends.dynamixel.spec import ServoSpec
 from tests.actuators.dynamixel.scripted import ScriptedPort, status
+from tests.bench.servos import Bench
 
 XM = model_named("xm430")
 PING, READ, WRITE, SYNC_WRITE, BROADCAST = 1, 2, 3, 0x83, 0xFE
@@ -94,6 +97,22 @@ def test_torque_off_goes_to_all_at_once_and_names_those_who_do_not_confirm() -> 
         first = scripted.sent[0]
     assert (first[4], first[7]) == (BROADCAST, SYNC_WRITE)
     assert first[8:-2] == bytes((64, 0, 1, 0, 1, 0, 2, 0, 3, 0))
+
+
+def test_registers_that_a_firmware_does_not_have_are_left_out() -> None:
+    table = XM.table
+    lacking = (table.startup_configuration, table.backup_ready)
+    with Bench(ServoSpec(id=1, firmware=40)) as bench:
+        read = bench.servo().read
+
+        def old(address: int, size: int) -> bytes:
+            if address in {register.address for register in lacking}:
+                raise Refusal(ACCESS)
+            return read(address, size)
+
+        bench.servo().read = old  # type: ignore[method-assign]
+        found = [one.register for one in registers(bench.line, bench.pong(), everything=True)]
+    assert found == [register for register in table if register not in lacking]
 
 
 def test_a_model_that_is_not_known_is_left_alone() -> None:
