@@ -176,13 +176,22 @@ def _keep(path: Path) -> Path:
     for number in count():
         backup = path.with_name(f"{path.name}.bak" + (f".{number}" if number else ""))
         try:
-            with backup.open("xb") as out:
-                out.write(data)
+            out = backup.open("xb")
         except FileExistsError:
             continue
         except OSError as wrong:
-            raise FileError(
-                f"{backup}: the old rig cannot be kept", value=wrong.strerror, remedy="check the folder"
-            ) from wrong
+            raise _not_kept(backup, wrong) from wrong
+        try:
+            with out:
+                out.write(data)
+        except BaseException as wrong:
+            backup.unlink(missing_ok=True)  # half a rig is nothing to go back to
+            if isinstance(wrong, OSError):
+                raise _not_kept(backup, wrong) from wrong
+            raise
         return backup
     raise AssertionError("there is always another number")
+
+
+def _not_kept(backup: Path, wrong: OSError) -> FileError:
+    return FileError(f"{backup}: the old rig cannot be kept", value=wrong.strerror, remedy="check the folder")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import resource
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -157,6 +160,27 @@ def test_a_failed_write_leaves_no_backup_behind(
     monkeypatch.setattr(bus_rig, "write_atomically", fail)
     with pytest.raises(type(wrong)):
         save_rig(path, "new", digest(path))
+    assert path.read_text() == TEMPLATE
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@contextmanager
+def nearly_full(n_bytes: int) -> Iterator[None]:
+    """No file of this process gets longer than that."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_is_full_leaves_no_half_a_backup_behind(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(TEMPLATE)
+    sha256 = digest(path)
+    with nearly_full(len(TEMPLATE) // 2), pytest.raises(FileError, match=r"rig\.toml\.bak: .*cannot be kept"):
+        save_rig(path, "new", sha256)
     assert path.read_text() == TEMPLATE
     assert list(tmp_path.iterdir()) == [path]
 
