@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -230,12 +231,16 @@ def farthest_from_the_path(setup: Setup) -> float:
     assert setup.rig.mcu is not None
     hinges = setup.rig.mcu.hinges
     pulses = setup.board.pulses()
+    mine = [pulses.of(hinge.output) for hinge in hinges]
+    # All pulses of a frame rise together. One is on record as soon as it has ended, the longer ones a little later.
+    frames = reduce(np.intersect1d, [one.rise for one in mine])
+    assert len(frames) >= max(len(one.rise) for one in mine) - 2  # the first and the last may be in part
     told = []
-    for hinge in hinges:
-        mine = pulses.of(hinge.output)
-        told.append((1e6 * mine.width_s - hinge.servo.pulse_zero_us) / hinge.servo.pulse_us_per_rad)
-    n = min(len(row) for row in told)
-    shaft = np.stack([row[-n:] for row in told], axis=1)
+    for hinge, one in zip(hinges, mine, strict=True):
+        width_s = one.width_s[np.isin(one.rise, frames)]
+        told.append((1e6 * width_s - hinge.servo.pulse_zero_us) / hinge.servo.pulse_us_per_rad)
+    n = len(frames)
+    shaft = np.stack(told, axis=1)
     table = PathTable.build(setup.plan, setup.rig)
     path = np.array([table.shaft_at(t) for t in np.linspace(0.0, table.duration_s, 6001)])
     away = (
