@@ -48,7 +48,7 @@ def test_what_fails_alone_too_has_failed(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_many_failures_get_no_second_try(tmp_path: Path) -> None:
-    done = run(tmp_path, *[PASSES_ALONE] * 9)
+    done = run(tmp_path, *[PASSES_ALONE] * 4)
     assert done.returncode == 1
     assert "now alone" not in done.stdout
 

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-AT_MOST = 8
+AT_MOST = 3
 """More than these is no hiccup of a machine."""
 
 FAILED = Path(".pytest_cache/v/cache/lastfailed")
